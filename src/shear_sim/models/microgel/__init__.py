@@ -1,0 +1,1 @@
+"""Microgel: bidisperse visco-elastic discs, with friction and permanent crosslinks."""

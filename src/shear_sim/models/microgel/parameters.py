@@ -1,0 +1,196 @@
+"""The sections of a microgel study: every physical parameter, its unit and its limits."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from shear_sim.models.interface import Point, Simulation
+from shear_sim.packing import Cell, Packing
+from shear_sim.protocol import OscillatoryShear, Shear
+from shear_sim.schema import Fraction, NonNegative, Positive, Section
+from shear_sim.streams import Streams
+
+Repulsion = Annotated[
+    float, Field(ge=0, le=1, description="weight of the divergent part: 0 is linear, 1 is S1-5b")
+]
+
+
+class LinearLaw(Section):
+    """F = k Δx, eq. S1-5a."""
+
+    kind: Literal["linear"]
+
+
+class DivergentLaw(Section):
+    """F = k Δx / (1 − Δx/D), eq. S1-5b, at most 1000 k D (S1-6)."""
+
+    kind: Literal["divergent"] = "divergent"
+    repulsion: Repulsion = 1.0
+
+
+class PlateauLaw(Section):
+    """Sponge-like discs: a softer slope between two distances, section 4.3.3 of part 2."""
+
+    kind: Literal["plateau"]
+    begin: Annotated[float, Field(gt=0, lt=1, description="lower end of the plateau, d/D")] = 0.3
+    end: Annotated[float, Field(gt=0, le=1, description="upper end of the plateau, d/D")] = 0.8
+    slope: Annotated[float, Field(ge=0, le=1, description="slope relative to the linear law")] = 0.1
+    repulsion: Repulsion = 1.0
+
+
+class HertzLaw(Section):
+    """F = 1.1 E R^(−1/2) Δx^(3/2), R = (r_i + r_j)/2, eq. S1-13."""
+
+    kind: Literal["hertz"]
+
+
+class CustomLaw(Section):
+    """The user's own law: one Python function in a file beside the study.
+
+    ``def contact_force(distance, contact_distance, stiffness, repulsion)`` returns the force
+    (negative is repulsive), as the call-back of section 4.3.2 of part 2.
+    """
+
+    kind: Literal["custom"]
+    file: Annotated[Path | None, Field(description="Python file beside the study file")] = None
+    source: Annotated[
+        str | None, Field(description="its text; filled in when the study is read")
+    ] = None
+    repulsion: Repulsion = 1.0
+
+
+ContactLaw = Annotated[
+    LinearLaw | DivergentLaw | PlateauLaw | HertzLaw | CustomLaw, Field(discriminator="kind")
+]
+
+
+class Links(Section):
+    """Permanent crosslinks between touching discs, and how they are cut into particles."""
+
+    cut: Annotated[
+        Literal["cells", "lines", "bulk", "none"],
+        Field(
+            description="cells of random points, straight lines, bulk (one uncut network), none "
+            "(no links: loose discs)"
+        ),
+    ] = "cells"
+    cuts: Annotated[int, Field(ge=0, description="number of random points or of lines")] = 5
+    edge_fuzziness: Annotated[
+        NonNegative, Field(description="cells: noise on the distances, in large radii")
+    ] = 0.0
+    avoid_angle: Annotated[
+        float,
+        Field(ge=0, lt=90, description="lines: smallest angle to the horizontal [degrees]"),
+    ] = 15.0
+    cut_top_bottom: Annotated[bool, Field(description="also cut along the top and bottom edge")] = False
+    avoid_height_spanning: Annotated[
+        bool, Field(description="draw the cut again while a particle spans the cell's height")
+    ] = True
+    remove_fraction: Annotated[
+        Fraction, Field(description="fraction of the links to remove, never splitting a particle")
+    ] = 0.0
+    join_isolated: Annotated[bool, Field(description="link a disc without links to a neighbour")] = True
+    normal_factor: Annotated[Positive, Field(description="k of links / k")] = 1.0
+    tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T")] = 1.0
+    stretched_tangential_dashpot: Annotated[
+        bool, Field(description="tangential dashpot of links longer than r_i + r_j")
+    ] = True
+
+
+class Contacts(Section):
+    """Reinforcement of the transient contacts against the links."""
+
+    normal_factor: Annotated[Positive, Field(description="k of contacts / k")] = 1.0
+    tangential_factor: Annotated[Positive, Field(description="k_T of contacts / k_T")] = 1.0
+
+
+class Damping(Section):
+    """Drag of the suspending fluid, relative to the affine flow."""
+
+    decay: Annotated[
+        float, Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none")
+    ] = 0.5
+    spin: Annotated[
+        Literal["flow", "zero", "none"],
+        Field(description="spins decay towards the flow's rotation −γ̇/2, towards 0, or not"),
+    ] = "flow"
+
+
+class Microgel(Section):
+    """Discs with visco-elastic frictional contacts and permanent links (manual, part 1)."""
+
+    kind: Literal["microgel"] = "microgel"
+    young_modulus: Annotated[float, Field(gt=0, description="E [Pa]; k = π E / 8, eq. S1-8")] = 8000.0
+    friction: Annotated[float, Field(ge=0, description="Coulomb μ [-]")] = 0.01
+    relative_viscosity: Annotated[
+        NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")
+    ] = 0.1
+    tangential_ratio: Annotated[NonNegative, Field(description="k_T / k = η_T / η [-]")] = 1.0
+    contact_law: ContactLaw = DivergentLaw()
+    sliding: Annotated[
+        Literal["coulomb", "reset"],
+        Field(
+            description="coulomb: a sliding contact keeps its spring on the Coulomb surface. "
+            "reset: the historical two-visit rule."
+        ),
+    ] = "coulomb"
+    lever_arms: Annotated[
+        Literal["conjugate", "particleshear", "otsuki2017"],
+        Field(
+            description="arms in torque and rolling velocity: contact arms in both; contact arms "
+            "(S1-3) and nominal radii; nominal radii in both (loses angular momentum)"
+        ),
+    ] = "conjugate"
+    dashpot: Annotated[
+        Literal["attractive", "no_attraction"],
+        Field(description="whether the normal dashpot of a separating contact may pull"),
+    ] = "attractive"
+    contacts: Contacts = Contacts()
+    links: Links = Links()
+    scale_viscosity: Annotated[
+        bool, Field(description="dashpots of reinforced contacts and links scale with their springs")
+    ] = True
+    damping: Damping = Damping()
+    drive: Annotated[
+        Literal["affine", "boundary"],
+        Field(
+            description="affine: SLLOD, every disc follows a change of rate. boundary: only the "
+            "edges drive (half a shear wave fits in the cell)."
+        ),
+    ] = "affine"
+
+
+class Integrator(Section):
+    """How the equations of motion are stepped."""
+
+    scheme: Literal["velocity_verlet", "semi_implicit_euler"] = "velocity_verlet"
+    steps_per_period: Annotated[
+        int | None, Field(ge=10, description="whole steps per T; default: a rule of the model")
+    ] = None
+
+
+class Record(Section):
+    """What is written to the result table, and how often."""
+
+    every: Annotated[int, Field(ge=1, description="steps between records")] = 1
+    columns: Annotated[
+        tuple[str, ...] | None, Field(description="stored columns by name; default: all")
+    ] = None
+
+
+class MicrogelPoint(Point):
+    """One microgel simulation."""
+
+    cell: Cell = Cell()
+    packing: Packing = Packing()
+    model: Microgel = Microgel()
+    shear: Shear = OscillatoryShear()
+    integrator: Integrator = Integrator()
+    record: Record = Record()
+
+    def start(self, streams: Streams) -> Simulation:
+        """Prepare the simulation: packing, equilibration, links, equilibration."""
+        from shear_sim.models.microgel.simulation import prepare  # loads Numba
+
+        return prepare(self, streams)

@@ -1,0 +1,61 @@
+"""Disc packings: the sections of a study file, and the random or crystalline starts they describe.
+
+A start is geometry only: positions, radii and cell. Bringing it to rest is each model's affair.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from shear_sim.schema import Positive, Section
+
+
+class Cell(Section):
+    """The simulated cell and what happens at its edges."""
+
+    width: Annotated[float, Field(gt=0, description="L_x [m]")] = 500e-6
+    height: Annotated[
+        float | None, Field(gt=0, description="L_y [m]; default: the width (hexagonal: derived)")
+    ] = None
+    boundary: Annotated[
+        Literal["lees_edwards", "plates", "open"],
+        Field(
+            description="lees_edwards: sheared periodic cell. plates: discs that touch top or bottom "
+            "when the shear starts are glued to rigid rough plates. open: no images at all."
+        ),
+    ] = "lees_edwards"
+
+
+class Equilibration(Section):
+    """When a packing counts as at rest, in units of k ⟨D⟩ and k ⟨D⟩² per metre of depth."""
+
+    force_tolerance: Annotated[Positive, Field(description="largest net force on a disc / (k⟨D⟩)")] = 1e-9
+    energy_tolerance: Annotated[Positive, Field(description="kinetic energy per disc / (k⟨D⟩²)")] = 1e-18
+    max_steps: Annotated[int, Field(gt=0, description="limit for each of the two equilibrations")] = 100_000
+
+
+class Packing(Section):
+    """Which discs there are and where they start."""
+
+    start: Annotated[
+        Literal["random", "hexagonal", "file"],
+        Field(description="uniform random positions, a hexagonal crystal, or a start file"),
+    ] = "random"
+    discs: Annotated[int, Field(ge=1, description="N; ⌈N/2⌉ are large")] = 150
+    packing_fraction: Annotated[
+        float, Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent")
+    ] = 1.5
+    size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
+    density: Annotated[float, Field(gt=0, description="ρ of a disc [kg/m³]")] = 1000.0
+    columns: Annotated[
+        int | None, Field(ge=1, description="hexagonal start: discs per row (rows = discs / columns)")
+    ] = None
+    file: Annotated[
+        Path | None,
+        Field(description="start: file. Table (.csv, .parquet) or state (.npz), beside the study"),
+    ] = None
+    file_digest: Annotated[
+        str | None, Field(description="SHA-256 of the start file; filled in when the study is read")
+    ] = None
+    equilibration: Equilibration = Equilibration()

@@ -83,14 +83,18 @@ class Links(Section):
         float,
         Field(ge=0, lt=90, description="lines: smallest angle to the horizontal [degrees]"),
     ] = 15.0
-    cut_top_bottom: Annotated[bool, Field(description="also cut along the top and bottom edge")] = False
+    cut_top_bottom: Annotated[bool, Field(description="also cut along the top and bottom edge")] = (
+        False
+    )
     avoid_height_spanning: Annotated[
         bool, Field(description="draw the cut again while a particle spans the cell's height")
     ] = True
     remove_fraction: Annotated[
         Fraction, Field(description="fraction of the links to remove, never splitting a particle")
     ] = 0.0
-    join_isolated: Annotated[bool, Field(description="link a disc without links to a neighbour")] = True
+    join_isolated: Annotated[
+        bool, Field(description="link a disc without links to a neighbour")
+    ] = True
     normal_factor: Annotated[Positive, Field(description="k of links / k")] = 1.0
     tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T")] = 1.0
     stretched_tangential_dashpot: Annotated[
@@ -121,11 +125,13 @@ class Microgel(Section):
     """Discs with visco-elastic frictional contacts and permanent links (manual, part 1)."""
 
     kind: Literal["microgel"] = "microgel"
-    young_modulus: Annotated[float, Field(gt=0, description="E [Pa]; k = π E / 8, eq. S1-8")] = 8000.0
+    young_modulus: Annotated[float, Field(gt=0, description="E [Pa]; k = π E / 8, eq. S1-8")] = (
+        8000.0
+    )
     friction: Annotated[float, Field(ge=0, description="Coulomb μ [-]")] = 0.01
-    relative_viscosity: Annotated[
-        NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")
-    ] = 0.1
+    relative_viscosity: Annotated[NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")] = (
+        0.1
+    )
     tangential_ratio: Annotated[NonNegative, Field(description="k_T / k = η_T / η [-]")] = 1.0
     contact_law: ContactLaw = DivergentLaw()
     sliding: Annotated[
@@ -149,7 +155,8 @@ class Microgel(Section):
     contacts: Contacts = Contacts()
     links: Links = Links()
     scale_viscosity: Annotated[
-        bool, Field(description="dashpots of reinforced contacts and links scale with their springs")
+        bool,
+        Field(description="dashpots of reinforced contacts and links scale with their springs"),
     ] = True
     damping: Damping = Damping()
     drive: Annotated[

@@ -27,8 +27,8 @@ class Cell(Section):
     boundary: Annotated[
         Literal["lees_edwards", "plates", "open"],
         Field(
-            description="lees_edwards: sheared periodic cell. plates: discs that touch top or bottom "
-            "when the shear starts are glued to rigid rough plates. open: no images at all."
+            description="lees_edwards: sheared periodic cell. plates: discs that touch top or "
+            "bottom when the shear starts are glued to rigid rough plates. open: no images."
         ),
     ] = "lees_edwards"
 

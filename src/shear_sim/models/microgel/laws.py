@@ -6,6 +6,7 @@ that is negative, as in the call-back of the manual (part 2, section 4.3.2). d, 
 functions that the kernels are compiled with, so that a user's own law runs at the same speed.
 """
 
+import math
 from collections.abc import Callable
 from functools import cache
 from types import ModuleType
@@ -57,7 +58,7 @@ def plateau(d: float, D: float, k: float, p: LawParameters) -> float:
 def hertz(d: float, D: float, k: float, p: LawParameters) -> float:  # noqa: ARG001
     """Return −1.1 E R^(−1/2) (D − d)^(3/2), R = D/2 and E = 8 k/π: eq. S1-13 with S1-8."""
     overlap = D - d
-    return -1.1 * (8.0 / 3.141592653589793) * k * overlap * (2.0 * overlap / D) ** 0.5
+    return -1.1 * (8.0 / math.pi) * k * overlap * math.sqrt(2.0 * overlap / D)
 
 
 BUILT_IN: dict[str, Law] = {
@@ -97,7 +98,10 @@ def custom(source: str) -> Law:
     exec(compile(source, "<user contact law>", "exec"), module.__dict__)  # noqa: S102
     function = getattr(module, "contact_force", None)
     if not callable(function):
-        msg = "the custom contact law must define contact_force(distance, contact_distance, stiffness, repulsion)"
+        msg = (
+            "the custom contact law must define "
+            "contact_force(distance, contact_distance, stiffness, repulsion)"
+        )
         raise ValueError(msg)
     users = register_jitable(function)
 

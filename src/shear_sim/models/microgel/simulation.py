@@ -96,10 +96,18 @@ def make_discs(
 
 def make_work(n: int) -> Work:
     """Return the work arrays for N discs."""
-    floats = [np.zeros(n) for _ in range(11)]
+
+    def per_disc() -> FloatArray:
+        return np.zeros(n)
+
     return Work(
-        *floats, np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(1), np.zeros(1, np.int32),
-        np.ones(2), np.zeros(14), np.zeros(2), np.zeros(1),
+        px=per_disc(), py=per_disc(), pspin=per_disc(),
+        fx=per_disc(), fy=per_disc(), torque=per_disc(),
+        ax=per_disc(), ay=per_disc(), aspin=per_disc(),
+        x0=per_disc(), y0=per_disc(),
+        wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
+        strain0=np.zeros(1), turns=np.zeros(1, np.int32),
+        closest=np.ones(2), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
     )  # fmt: skip
 
 

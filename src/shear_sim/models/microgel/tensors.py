@@ -76,12 +76,12 @@ def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
                 {f"{name}_xx": 0 * yx, f"{name}_xy": -yx, f"{name}_yx": yx, f"{name}_yy": 0 * yx}
             )
 
-    def combine(name: str, terms: dict[str, float], *, only: tuple[str, ...] = COMPONENTS) -> None:
-        known = {**out, **stored}
-        for ab in only:
-            parts = [(sign, known.get(f"{term}_{ab}")) for term, sign in terms.items()]
-            if all(part is not None for _, part in parts):
-                out[f"{name}_{ab}"] = np.sum([s * p for s, p in parts], axis=0)
+    def combine(name: str, plus: tuple[str, ...], minus: tuple[str, ...] = ()) -> None:
+        known = out | stored
+        for ab in COMPONENTS:
+            if all(f"{term}_{ab}" in known for term in plus + minus):
+                total = sum((known[f"{term}_{ab}"] for term in plus[1:]), known[f"{plus[0]}_{ab}"])
+                out[f"{name}_{ab}"] = sum((-known[f"{term}_{ab}"] for term in minus), total)
 
     antisymmetric("torque", "torque_yx")
     antisymmetric("internal_torque", "internal_torque_yx")
@@ -99,10 +99,10 @@ def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
             out[f"peculiar_{ab}"] = stored[f"peculiar_{ab}"]
     if "peculiar_xy" in stored:
         out["peculiar_yx"] = stored["peculiar_xy"]
-    combine("linear_acceleration", {"love_weber": 1, "external": -1})
-    combine("unbalanced_force", {"love_weber": 1, "external": -1})
-    combine("overall", {"love_weber": 1, "internal_torque": 1, "centrifugal": 1})
-    combine("periodic_overall", {"periodic_love_weber": 1, "periodic_torque": 1, "centrifugal": 1})
+    combine("linear_acceleration", ("love_weber",), ("external",))
+    combine("unbalanced_force", ("love_weber",), ("external",))
+    combine("overall", ("love_weber", "internal_torque", "centrifugal"))
+    combine("periodic_overall", ("periodic_love_weber", "periodic_torque", "centrifugal"))
     for name, source in (
         ("shear_stress", "periodic_overall_xy"),
         ("shear_stress_internal", "overall_xy"),

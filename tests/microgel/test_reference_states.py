@@ -74,7 +74,7 @@ def evaluate(path, k):
         pairs.spring_back[q] = stored.get((j, i), (0, 0.0))[1]
     work.px[:], work.py[:], work.pspin[:] = discs.cx, discs.cy, discs.spin
     kernels = kernels_for(laws.plateau if meta["law"] == "plateau" else laws.divergent, True)
-    kernels.contact_forces(discs, work, pairs, len(linked), constants, strain, rate, 0.0, 0.0, True)
+    kernels.contact_forces(discs, work, pairs, len(linked), constants, strain, rate, 0.0, True)
     row = np.zeros(len(ROW))
     offset = strain * height - work.turns[0] * constants.width
     if meta["calls_setShearRate"]:

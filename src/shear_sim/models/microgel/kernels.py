@@ -65,14 +65,16 @@ def contact_forces(
     constants: Constants,
     strain: float,
     rate: float,
-    weight_old: float,
-    weight_new: float,
+    h: float,
     record: bool,
 ) -> None:
     """Sum forces and torques of all pairs, (M.2) to (M.4); springs are advanced first.
 
-    ξ grows by weight_old × (v_t of the last evaluation) + weight_new × (v_t now) [s]. With
-    ``record`` the sums of the stress tensors are left in ``work.tensors``.
+    ξ grows by the tangential displacement of the step of ``h`` seconds that ends now: the mean
+    distance times the angle by which the contact has turned, less the rolling of both discs
+    (second order, and as stable as velocity Verlet; a velocity predicted for the end of the step
+    would feed energy to the springs). A contact that is new began inside the step, when its
+    overlap was zero. With ``record`` the sums of the stress tensors are left in ``work.tensors``.
     """
     n = discs.x.shape[0]
     x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
@@ -110,7 +112,6 @@ def contact_forces(
             if TANGENTIAL:
                 pairs.spring[q] = 0.0
                 pairs.spring_back[q] = 0.0
-                pairs.rate[q] = 0.0
             continue
         if plate[i] != 0 and plate[j] != 0:
             continue
@@ -135,24 +136,33 @@ def contact_forces(
             elastic = k * (d - D)
         vx = px[j] - px[i] + rate * dy
         vy = py[j] - py[i]
-        normal = elastic + eta * (vx * ex + vy * ey)
+        vn = vx * ex + vy * ey
+        normal = elastic + eta * vn
         if not (constants.may_pull or link):
             normal = min(normal, 0.0)
         along = 0.0
         arm = 0.0
         if TANGENTIAL:
-            arm = d / D
+            ri, rj = radius[i], radius[j]
+            arm = arm_v = d / D
             if not constants.contact_arms_in_torque:
                 arm = 1.0
-            arm_v = d / D
             if not constants.contact_arms_in_velocity:
                 arm_v = 1.0
-            ri, rj = radius[i], radius[j]
-            turning = ri * pspin[i] + rj * pspin[j] - 0.5 * rate * D
-            vt = vy * ex - vx * ey - arm_v * turning
-            step = weight_old * pairs.rate[q] + weight_new * vt
-            spring = pairs.spring[q] + step
-            spring_back = pairs.spring_back[q] + step
+            vt = vy * ex - vx * ey - arm_v * (ri * pspin[i] + rj * pspin[j] - 0.5 * rate * D)
+            before = pairs.state[q]
+            slid = 0.0
+            if before == OPEN:
+                if h > 0.0 and not link:
+                    slid = vt * min(h, (D - d) / max(-vn, 1e-300))
+            elif h > 0.0 and not (before == SLIDE and constants.sliding == RESET):
+                mean = 0.5 * (pairs.d[q] + d)
+                rolled = ri * work.turn[i] + rj * work.turn[j]
+                if constants.contact_arms_in_velocity:
+                    rolled *= mean / D
+                slid = mean * (pairs.ex[q] * ey - pairs.ey[q] * ex) - rolled
+            spring = pairs.spring[q] + slid
+            spring_back = pairs.spring_back[q] + slid
             state = STICK
             if link:
                 along = kt * spring
@@ -184,11 +194,9 @@ def contact_forces(
                     spring_back = 0.0
                     state = SLIDE
                 along = 0.5 * (along + second)
-                if state == SLIDE:
-                    vt = 0.0  # the spring of a slipping contact does not grow
             pairs.spring[q] = spring
             pairs.spring_back[q] = spring_back
-            pairs.rate[q] = vt
+            pairs.ex[q], pairs.ey[q], pairs.d[q] = ex, ey, d
             pairs.state[q] = state
             if state == SLIDE:
                 sliding_pairs += 1
@@ -287,7 +295,7 @@ def relax(
         steps += 1
         if not list_is_safe(discs, work, constants, 0.0):
             pairs = renew_pairs(discs, work, pairs, n_links, constants, 0.0)
-        contact_forces(discs, work, pairs, n_links, constants, 0.0, 0.0, 0.0, 0.0, False)
+        contact_forces(discs, work, pairs, n_links, constants, 0.0, 0.0, 0.0, False)
         largest2 = 0.0
         power = 0.0
         force2 = 0.0
@@ -371,8 +379,8 @@ def run(
 ) -> tuple[Pairs, int, int, int]:
     """Step from whole step ``first`` to ``last`` and fill one row per record.
 
-    Velocity Verlet with predicted velocities and a trapezoidal spring: second order, also
-    in the velocity-dependent forces. ``euler``: the semi-implicit Euler of the historical
+    Velocity Verlet in which dashpots see velocities predicted for the end of the step: second
+    order also with velocity-dependent forces. ``euler``: the semi-implicit Euler of the historical
     program, first order. A step is halved until contacts, dashpots and flow are resolved.
 
     Returns
@@ -393,7 +401,7 @@ def run(
             work.px[a], work.py[a], work.pspin[a] = discs.cx[a], discs.cy[a], discs.spin[a]
         carry_plates(discs, work, constants, rate)
         pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
-        contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, 0.0, True)
+        contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, True)
         accelerate(discs, work, constants, rate)
         rows[0, 0] = 0.0
         rows[0, 1] = strain
@@ -412,7 +420,7 @@ def run(
             for a in range(n):
                 work.px[a], work.py[a], work.pspin[a] = discs.cx[a], discs.cy[a], discs.spin[a]
             carry_plates(discs, work, constants, rate)
-            contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, 0.0, False)
+            contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, False)
             accelerate(discs, work, constants, rate)
         pieces = 1
         longest = substep(constants, work, peak_rate(clock, now))
@@ -430,6 +438,7 @@ def run(
             for a in range(n):
                 if discs.plate[a] != 0:
                     discs.x[a] += change * discs.plate[a] * 0.5 * height
+                    work.turn[a] = 0.0
                     continue
                 ax, ay, aspin = work.ax[a], work.ay[a], work.aspin[a]
                 kick = h if euler else half
@@ -442,6 +451,7 @@ def run(
                 middle = discs.y[a] + half * cy - 0.5 * height
                 discs.x[a] += h * cx + change * middle
                 discs.y[a] += h * cy
+                work.turn[a] = h * spin - 0.5 * change
                 if euler:
                     work.px[a], work.py[a], work.pspin[a] = cx, cy, spin
                 else:
@@ -454,8 +464,7 @@ def run(
                 pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
             recording = record and piece == pieces - 1
             contact_forces(
-                discs, work, pairs, n_links, constants, strain, rate,
-                0.0 if euler else half, h if euler else half, recording,
+                discs, work, pairs, n_links, constants, strain, rate, h, recording,
             )  # fmt: skip
             accelerate(discs, work, constants, rate)
             if not euler:

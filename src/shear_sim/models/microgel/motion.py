@@ -68,6 +68,25 @@ def _same_image(pairs: Pairs, q: int, j: int, nx: int, ny: int) -> bool:
 
 
 @jit
+def empty_pairs(n: int) -> Pairs:
+    """Return ``n`` pairs without discs and without history."""
+    return Pairs(
+        i=np.empty(n, np.int32), j=np.empty(n, np.int32),
+        nx=np.empty(n, np.int32), ny=np.empty(n, np.int32),
+        spring=np.zeros(n), spring_back=np.zeros(n),
+        ex=np.zeros(n), ey=np.zeros(n), d=np.zeros(n), state=np.zeros(n, np.int32),
+    )  # fmt: skip
+
+
+@jit
+def keep_history(old: Pairs, p: int, new: Pairs, q: int) -> None:
+    """Copy springs and last geometry of pair ``p`` of the old list to pair ``q`` of the new."""
+    new.spring[q], new.spring_back[q] = old.spring[p], old.spring_back[p]
+    new.ex[q], new.ey[q], new.d[q] = old.ex[p], old.ey[p], old.d[p]
+    new.state[q] = old.state[p]
+
+
+@jit
 def renew_pairs(
     discs: Discs, work: Work, pairs: Pairs, n_links: int, constants: Constants, strain: float
 ) -> Pairs:
@@ -111,16 +130,10 @@ def renew_pairs(
             if _same_image(pairs, q, j[c], nx[c], ny[c]):
                 keep[c] = False
                 kept -= 1
-    total = n_links + kept
-    new = Pairs(
-        np.empty(total, np.int32), np.empty(total, np.int32),
-        np.empty(total, np.int32), np.empty(total, np.int32),
-        np.zeros(total), np.zeros(total), np.zeros(total), np.zeros(total, np.int32),
-    )  # fmt: skip
+    new = empty_pairs(n_links + kept)
     for q in range(n_links):
         new.i[q], new.j[q], new.nx[q], new.ny[q] = pairs.i[q], pairs.j[q], pairs.nx[q], pairs.ny[q]
-        new.spring[q], new.spring_back[q] = pairs.spring[q], pairs.spring_back[q]
-        new.rate[q], new.state[q] = pairs.rate[q], pairs.state[q]
+        keep_history(pairs, q, new, q)
     place = np.empty(i.shape[0], np.int32)
     q = n_links
     for c in range(i.shape[0]):
@@ -133,9 +146,7 @@ def renew_pairs(
             continue
         for c in range(start[pairs.i[old]], start[pairs.i[old] + 1]):
             if _same_image(pairs, old, j[c], nx[c], ny[c]):
-                q = place[c]
-                new.spring[q], new.spring_back[q] = pairs.spring[old], pairs.spring_back[old]
-                new.rate[q], new.state[q] = pairs.rate[old], pairs.state[old]
+                keep_history(pairs, old, new, place[c])
                 break
     return new
 

@@ -25,7 +25,6 @@ from shear_sim.models.microgel.state import (
     ROW,
     RUNNING,
     STEADY,
-    STICK,
     Clock,
     Constants,
     Discs,
@@ -104,6 +103,7 @@ def make_work(n: int) -> Work:
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
+        turn=per_disc(),
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
         strain0=np.zeros(1), turns=np.zeros(1, np.int32),
@@ -117,10 +117,10 @@ def make_pairs(
     """Return pairs (P, 2) with the images (P, 2) of their second discs, springs at rest."""
     pairs = np.zeros((0, 2), np.int64) if pairs is None else pairs
     image = np.zeros_like(pairs) if image is None else image
-    i, j, nx, ny = (np.array(a, dtype=np.int32) for a in (*pairs.T, *image.T))
-    p = len(i)
-    state = np.full(p, STICK, np.int32)
-    return Pairs(i, j, nx, ny, np.zeros(p), np.zeros(p), np.zeros(p), state)
+    new = motion.empty_pairs(len(pairs))
+    new.i[:], new.j[:] = pairs.T
+    new.nx[:], new.ny[:] = image.T
+    return new
 
 
 def time_scale(model: Microgel, mass: FloatArray) -> tuple[float, float]:
@@ -298,19 +298,20 @@ class MicrogelSimulation:
         column = dict(zip(ROW, self._table[: self.done].T, strict=True))
 
         def asymmetry(name: str, torque: str) -> float:
+            tensor = [np.abs(column[f"{name}_{ab}"]) for ab in ("xx", "xy", "yx", "yy")]
+            scale = np.max(np.sum(tensor, axis=0))
             xy = column[f"{name}_xy"] - column[torque]
             yx = column[f"{name}_yx"] + column[torque]
-            scale = np.abs(column[f"{name}_xx"]) + np.abs(column[f"{name}_yy"])
-            return float((np.abs(xy - yx) / np.where(scale > 0, scale, 1.0)).max())
+            return float(np.abs(xy - yx).max() / scale) if scale > 0 else 0.0
 
-        d = self.discs
+        d, clock = self.discs, self.clock
         momentum = np.hypot((d.mass * d.cx).sum(), (d.mass * d.cy).sum())
-        scale = (d.mass * np.hypot(d.cx, d.cy)).sum()
+        speed = motion.peak_rate(clock, clock.kind) * self.constants.height
         return {
             "asymmetry_periodic": asymmetry("periodic_love_weber", "periodic_torque_yx"),
             "asymmetry_internal": asymmetry("love_weber", "internal_torque_yx"),
             "love_weber_identity": float(self.work.check[0]),
-            "momentum": float(momentum / scale) if scale > 0 else 0.0,
+            "momentum": float(momentum / (d.mass.sum() * speed)),
             "substeps": self.substeps,
             "steps": self.steps,
         }

@@ -50,6 +50,7 @@ class Work(NamedTuple):
     ax: Floats  # acceleration of (cx, cy, spin)
     ay: Floats
     aspin: Floats
+    turn: Floats  # rotation of each disc in the step that ends now
     x0: Floats  # position when the neighbour list was made
     y0: Floats
     wx: Ints  # image of the cell that a disc is in (records)
@@ -71,7 +72,9 @@ class Pairs(NamedTuple):
     ny: Ints
     spring: Floats  # tangential elongation ξ [m]
     spring_back: Floats  # the second elongation of the historical rule [m]
-    rate: Floats  # v_t at the last force evaluation [m/s]
+    ex: Floats  # unit vector from i to j at the last force evaluation
+    ey: Floats
+    d: Floats  # and distance [m]
     state: Ints
 
 

@@ -86,7 +86,7 @@ def scene(
         glue(discs, c.height)
     links = np.asarray(links, np.int64).reshape(-1, 2)
     images = np.zeros_like(links) if images is None else np.asarray(images, np.int64)
-    clock = Clock(step, 0, steps, STEADY, 100, strain_rate * step, 1)
+    clock = Clock(float(step), 0, steps, STEADY, 100, float(strain_rate * step), 1)
     point = MicrogelPoint(
         shear=SteadyShear(kind="steady", relative_rate=1.0, strain=1.0, post_periods=0),
         integrator=Integrator(scheme="semi_implicit_euler" if euler else "velocity_verlet"),

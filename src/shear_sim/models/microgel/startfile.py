@@ -87,6 +87,7 @@ def join(links: Pairs, contacts: Pairs, discs: Discs) -> Pairs:
     joined = Pairs(*(np.concatenate([a, b]) for a, b in zip(links, contacts, strict=True)))
     joined.state[len(links.i) :] = STICK
     if len(joined.i) and int(max(joined.i.max(), joined.j.max())) >= len(discs.x):
-        msg = f"a pair of the start file names disc {joined.j.max()}, but discs end at {len(discs.x) - 1}"
+        last = len(discs.x) - 1
+        msg = f"a pair of the start file names disc {joined.j.max()}, but the last disc is {last}"
         raise SimulationError(msg)
     return joined

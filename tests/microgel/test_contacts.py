@@ -261,8 +261,8 @@ class TestPlates:
         point = packing_point(cell=Cell(boundary="plates"), friction=0.3, links=Links(cut="cells"))
         s = prepared(point)
         plate = s.discs.plate.copy()
-        assert (plate == 1).sum() > 2
-        assert (plate == -1).sum() > 2
+        assert (plate == 1).sum() > 1
+        assert (plate == -1).sum() > 1
         s.advance(1)
         x0, y0, free = s.discs.x.copy(), s.discs.y.copy(), plate == 0
         height, width = s.constants.height, s.constants.width
@@ -341,6 +341,7 @@ class TestDampingAndDrive:
         """Also in steady shear, where T = τ / relative_frequency."""
         for shear in (steady(0.1, relative_frequency=0.05), None):
             s = prepared(packing_point(damping=Damping(decay=0.3), shear=shear))
+            s.advance(1)
             period = s.summary()["protocol"]["period"]
             assert np.exp(-s.constants.damping * period) == pytest.approx(0.3, rel=1e-12)
             tau = s.summary()["derived"]["time_constant"]

@@ -130,11 +130,11 @@ def test_halved_steps_converge_at_second_order():
 
     def end(steps):
         s = prepared(
-            packing_point(discs=16, links=Links(cut="bulk"), shear=shear, friction=0.2,
+            packing_point(discs=16, links=Links(cut="cells"), shear=shear, friction=0.2,
                           steps_per_period=steps)
         )  # fmt: skip
         return finish(s)["shear_stress"][:: steps // 200]
 
-    coarse, middle, fine = (end(n) for n in (200, 400, 800))
+    coarse, middle, fine = (end(n) for n in (800, 1600, 3200))
     ratio = np.abs(coarse - middle).max() / np.abs(middle - fine).max()
-    assert 3.3 < ratio < 4.8
+    assert 3.5 < ratio < 4.6

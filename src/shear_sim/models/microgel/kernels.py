@@ -26,7 +26,7 @@ from shear_sim.compiled import jit
 from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
     accelerate,
-    all_finite,
+    all_near,
     carry_plates,
     edge_kick,
     energy_row,
@@ -201,7 +201,7 @@ def contact_forces(
                 if touching or constants.stretched_dashpot:
                     along += etat * vt
             elif constants.sliding == COULOMB:
-                cap = -constants.friction * elastic
+                cap = constants.friction * abs(elastic)
                 if kt > 0.0:
                     spring = min(max(spring, -cap / kt), cap / kt)
                 along = kt * spring + etat * vt
@@ -211,7 +211,7 @@ def contact_forces(
             else:
                 # Two visits, each with half of the force; a slip empties both springs, and
                 # the second visit may find a contact that sticks again.
-                cap = -constants.friction * elastic
+                cap = constants.friction * abs(elastic)
                 along = kt * spring + etat * vt
                 if abs(along) > cap:
                     along = cap if along >= 0.0 else -cap
@@ -419,6 +419,8 @@ def run(
 ) -> tuple[Pairs, int, int, int]:
     """Step from whole step ``first`` to ``last`` and fill one row per record.
 
+    ``first`` < 0 starts the run: its first instant is recorded before step 0.
+
     Velocity Verlet in which dashpots see velocities predicted for the end of the step: second
     order also with velocity-dependent forces. ``euler``: the semi-implicit Euler of the historical
     program, first order. A step is halved until contacts, dashpots and flow are resolved.
@@ -432,9 +434,9 @@ def run(
     height, width = constants.height, constants.width
     filled = 0
     substeps = 0
-    kind = segment(clock, first)
-    strain, rate = strain_at(clock, kind, first, 0.0)
-    if first == 0:
+    if first < 0:
+        first = 0
+        strain, rate = strain_at(clock, segment(clock, 0), 0, 0.0)
         if not constants.affine:
             edge_kick(discs, constants, rate)
         for a in range(n):
@@ -506,7 +508,7 @@ def run(
             strain, rate = strain1, rate1
             carry_plates(discs, work, constants, rate)
             if not list_is_safe(discs, work, constants, strain):
-                if not all_finite(discs):
+                if not all_near(discs, constants):
                     return pairs, filled, substeps, NOT_FINITE
                 pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
             recording = TALLY or (record and piece == pieces - 1)

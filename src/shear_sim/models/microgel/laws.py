@@ -7,6 +7,7 @@ functions that the kernels are compiled with, so that a user's own law runs at t
 """
 
 import math
+import sys
 from collections.abc import Callable
 from functools import cache
 from types import ModuleType
@@ -94,7 +95,9 @@ def custom(source: str) -> Law:
     ValueError
         If the file defines no function ``contact_force``.
     """
-    module = ModuleType("user_contact_law")
+    name = f"user_contact_law_{digest(source)}"
+    module = ModuleType(name)
+    sys.modules[name] = module  # Numba finds it by name when it loads the compiled kernels
     exec(compile(source, "<user contact law>", "exec"), module.__dict__)  # noqa: S102
     function = getattr(module, "contact_force", None)
     if not callable(function):

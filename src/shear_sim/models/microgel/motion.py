@@ -73,6 +73,14 @@ def empty_pairs(n: int) -> Pairs:
     )  # fmt: skip
 
 
+def order_pairs(pairs: Pairs) -> None:
+    """Name the disc of lower number first in every pair; springs do not mind."""
+    swap = pairs.i > pairs.j
+    pairs.i[swap], pairs.j[swap] = pairs.j[swap], pairs.i[swap]
+    pairs.nx[swap] *= -1
+    pairs.ny[swap] *= -1
+
+
 @jit
 def renew_pairs(
     discs: Discs, work: Work, pairs: Pairs, n_links: int, constants: Constants, strain: float
@@ -168,12 +176,13 @@ def list_is_safe(discs: Discs, work: Work, constants: Constants, strain: float) 
 
 
 @jit
-def all_finite(discs: Discs) -> bool:
-    """Tell whether all positions are finite."""
-    total = 0.0
+def all_near(discs: Discs, constants: Constants) -> bool:
+    """Tell whether all positions are finite, and image numbers of an integer's size."""
+    limit = 1e6 * (constants.width + constants.height)
+    near = True
     for a in range(discs.x.shape[0]):
-        total += discs.x[a] + discs.y[a]
-    return bool(np.isfinite(total))
+        near = near and abs(discs.x[a]) + abs(discs.y[a]) < limit
+    return near
 
 
 @jit

@@ -124,6 +124,7 @@ def make_pairs(
     new = motion.empty_pairs(len(pairs))
     new.i[:], new.j[:] = pairs.T
     new.nx[:], new.ny[:] = image.T
+    motion.order_pairs(new)
     return new
 
 
@@ -232,7 +233,9 @@ class MicrogelSimulation:
     def advance(self, rows: int) -> None:
         """Make the next records."""
         until = min(self.done + rows, self.rows)
-        first = max(self.done - 1, 0) * self.clock.every
+        if until <= self.done:
+            return
+        first = (self.done - 1) * self.clock.every  # negative: the first record comes first
         last = (until - 1) * self.clock.every
         self.pairs, filled, substeps, status = self.kernels.run(
             self.discs, self.work, self.pairs, self.n_links, self.constants, self.clock,
@@ -246,10 +249,11 @@ class MicrogelSimulation:
 
     def _diagnosis(self) -> str:
         time, strain = self._table[self.done - 1, :2]
-        bad = np.flatnonzero(~np.isfinite(self.discs.x + self.discs.y))
-        disc = f"disc {bad[0]}" if len(bad) else "a stress"
+        limit = 1e6 * (self.constants.width + self.constants.height)
+        bad = np.flatnonzero(~(np.abs(self.discs.x) + np.abs(self.discs.y) < limit))
+        what = f"disc {bad[0]} was shot away" if len(bad) else "a stress is no longer finite"
         return (
-            f"{disc} is no longer finite at t = {time:g} s (strain {strain:.4g}): raise "
+            f"{what} at t = {time:g} s (strain {strain:.4g}): raise "
             f"integrator.steps_per_period = {self.clock.per_period}"
         )
 
@@ -424,8 +428,9 @@ def force_unit(constants: Constants, discs: Discs) -> float:
 
 def glue(discs: Discs, height: float) -> None:
     """Glue discs that touch the top or bottom edge to the rigid plate there."""
-    discs.plate[discs.y <= discs.radius] = -1
-    discs.plate[discs.y >= height - discs.radius] = 1
+    y = discs.y % height  # a disc may be outside the cell until its next renewal
+    discs.plate[y <= discs.radius] = -1
+    discs.plate[y >= height - discs.radius] = 1
     for array in (discs.cx, discs.cy, discs.spin):
         array[discs.plate != 0] = 0.0
 
@@ -452,7 +457,7 @@ def _settle(
     rows = np.empty((2, len(ROW + ENERGIES)))
     steps = 0
     while True:
-        pairs, *_ = kernels.run(discs, work, pairs, n_links, damped, clock, 0, 0, False, rows)
+        pairs, *_ = kernels.run(discs, work, pairs, n_links, damped, clock, -1, 0, False, rows)
         force = float(np.hypot(work.fx, work.fy).max()) / unit
         turning = float((np.abs(work.torque) / discs.radius).max()) / unit
         speed2 = discs.cx**2 + discs.cy**2
@@ -463,7 +468,7 @@ def _settle(
         if at_rest or steps >= rest.max_steps:
             break
         pairs, _, _, status = kernels.run(
-            discs, work, pairs, n_links, damped, clock, 0, block, False, rows
+            discs, work, pairs, n_links, damped, clock, -1, block, False, rows
         )
         if status != RUNNING:
             msg = "the packing exploded while it came to rest"

@@ -74,20 +74,32 @@ def given_pairs(arrays: dict[str, NDArray[np.float64]], kind: str) -> Pairs:
     for name, values in fields.items():
         target = getattr(pairs, name)
         target[:] = 0 if values is None else values
-    # A pair is listed with its disc of lower number first; its spring does not mind.
-    swap = pairs.i > pairs.j
-    pairs.i[swap], pairs.j[swap] = pairs.j[swap], pairs.i[swap]
-    pairs.nx[swap] *= -1
-    pairs.ny[swap] *= -1
+    motion.order_pairs(pairs)
     return pairs
 
 
 def join(links: Pairs, contacts: Pairs, discs: Discs) -> Pairs:
-    """Return links followed by contacts; contacts with a spring count as touching before."""
+    """Return links followed by contacts; contacts with a spring count as touching before.
+
+    Raises
+    ------
+    SimulationError
+        If a pair names a disc that is not there, joins a disc to itself, or is listed twice.
+    """
     joined = Pairs(*(np.concatenate([a, b]) for a, b in zip(links, contacts, strict=True)))
     joined.state[len(links.i) :] = STICK
-    if len(joined.i) and int(max(joined.i.max(), joined.j.max())) >= len(discs.x):
-        last = len(discs.x) - 1
-        msg = f"a pair of the start file names disc {joined.j.max()}, but the last disc is {last}"
-        raise SimulationError(msg)
+    n = len(discs.x)
+    seen = set()
+    for pair in zip(joined.i, joined.j, joined.nx, joined.ny, strict=True):
+        i, j, *_ = key = tuple(int(number) for number in pair)
+        if i < 0 or j >= n:
+            msg = f"a pair of the start file names disc {i if i < 0 else j} of discs 0 to {n - 1}"
+            raise SimulationError(msg)
+        if i == j:
+            msg = f"a pair of the start file joins disc {i} to itself"
+            raise SimulationError(msg)
+        if key in seen:
+            msg = f"the start file lists discs {i} and {j} twice, through the same image"
+            raise SimulationError(msg)
+        seen.add(key)
     return joined

@@ -404,7 +404,7 @@ def test_all_problems_come_at_once_with_line_key_value_and_remedy():
         "6: model.contact_law.begin = 0.9: begin 0.9 is above end 0.8",
         "7: friction = 1: unknown key: did you mean model.friction?",
         "10: model.links.remove_fraction = 50: must be at most 1 (a fraction, not percent: 0.5?)",
-        "14: shear.strain_amplitude = 0.01: unknown key",
+        "14: shear.strain_amplitude = 0.01: is no key of this kind of shear: known are kind",
         "15: shear.kind = steady: relative_rate is required (strain rate",
         "16: cell.width = 500: must be at most 100 (in metres, not micrometres: 0.0005?)",
     ):

@@ -170,9 +170,9 @@ def _unknown(
     name = str(key[-1])
     if len(key) == 1 and name in top_level:
         return "belongs to the whole study, so no scene or sweep can change it"
-    if "." in name and "grid" in known:
+    if "." in name.strip(".") and "grid" in known:
         return f"put it under grid: `grid: {{{name}: ...}}`"
-    if "." in name:
+    if "." in name.strip("."):
         return f"write it as a section: `{name.split('.')[0]}: {{{name.split('.', 1)[1]}: ...}}`"
     every = _dotted_keys(model)
     if dotted(key) in every:  # of another member of the union

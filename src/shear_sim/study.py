@@ -456,13 +456,17 @@ class _Fault(Exception):  # noqa: N818 - never leaves this module
 
 
 def _check_columns(point: Point) -> None:
-    """Refuse columns that the model does not store."""
+    """Refuse columns that the model does not store, or that are named twice."""
     columns = getattr(getattr(point, "record", None), "columns", None)
     known = [column.name for column in models.model(point.kind).COLUMNS]
     for i, name in enumerate(columns or ()):
         if name not in known:
             message = f"{name} is no stored column: {one_of(name, known)}"
-            raise _Fault(Complaint((("record", "columns", i), ("record", "columns")), message))
+        elif name in columns[:i]:
+            message = f"{name} is named twice"
+        else:
+            continue
+        raise _Fault(Complaint((("record", "columns", i), ("record", "columns")), message))
 
 
 def _origin(key: Key, changes: Changes) -> Key | None:

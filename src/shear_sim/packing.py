@@ -47,7 +47,7 @@ class Equilibration(Section):
         Positive, Field(description="kinetic energy per disc / (k⟨D⟩²)")
     ] = 1e-18
     max_steps: Annotated[
-        int, Field(gt=0, description="limit for each of the two equilibrations")
+        int, Field(ge=0, description="limit of each of the two equilibrations; 0: start as it is")
     ] = 100_000
 
 

@@ -141,10 +141,10 @@ class Links(Section):
     """Permanent crosslinks between touching discs, and how they are cut into particles."""
 
     cut: Annotated[
-        Literal["cells", "lines", "bulk", "none"],
+        Literal["cells", "lines", "bulk", "none", "file"],
         Field(
             description="cells of random points, straight lines, bulk (one uncut network), none "
-            "(no links: loose discs)"
+            "(no links: loose discs), file (the links of the start file)"
         ),
     ] = "cells"
     cuts: Annotated[int, Field(ge=1, description="number of random points or of lines")] = 5
@@ -268,6 +268,7 @@ class Record(Section):
     """What is written to the result table, and how often."""
 
     every: Annotated[int, Field(ge=1, description="steps between records")] = 1
+    energy: Annotated[bool, Field(description="also the energy balance, at some cost")] = False
     columns: Annotated[
         tuple[str, ...] | None,
         Field(strict=False, description="stored columns by name; default: all"),

@@ -194,11 +194,6 @@ def make_clock(shear: Shear, period: float, steps: int, every: int) -> Clock:
     return Clock(step, begin, end, kind, steps, float(amplitude), every)
 
 
-def default_steps(shear: Shear) -> int:
-    """Return the default number of steps per period: 0.2 τ each, at least 100."""
-    return max(100, math.ceil(5 / shear.relative_frequency))
-
-
 class MicrogelSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
@@ -343,8 +338,7 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
         glue(discs, height)
         preparation["glued_discs"] = int((discs.plate != 0).sum())
 
-    steps_per_period = point.integrator.steps_per_period or default_steps(point.shear)
-    clock = make_clock(point.shear, period, steps_per_period, point.record.every)
+    clock = make_clock(point.shear, period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(point, kernels, discs, pairs, n_links, constants, clock, preparation)
 
 

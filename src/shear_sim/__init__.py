@@ -1,0 +1,1 @@
+"""Parameter studies of sheared soft and granular matter in two dimensions."""

@@ -3,26 +3,29 @@
 A start is geometry only: positions, radii and cell. Bringing it to rest is each model's affair.
 """
 
+import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from shear_sim.schema import Positive, Section
+from shear_sim.schema import MICROMETRES, PERCENT, Impossible, Positive, Section
 
 
 class Cell(Section):
     """The simulated cell and what happens at its edges."""
 
-    width: Annotated[float, Field(gt=0, description="L_x [m]")] = 500e-6
+    width: Annotated[float, Field(gt=0, le=100, description="L_x [m]"), MICROMETRES] = 500e-6
     height: Annotated[
-        float | None, Field(gt=0, description="L_y [m]; default: the width (hexagonal: derived)")
+        float | None,
+        Field(gt=0, le=100, description="L_y [m]; default: the width (hexagonal: derived)"),
+        MICROMETRES,
     ] = None
     boundary: Annotated[
         Literal["lees_edwards", "plates", "open"],
         Field(
-            description="lees_edwards: sheared periodic cell. plates: discs that touch top or bottom "
-            "when the shear starts are glued to rigid rough plates. open: no images at all."
+            description="lees_edwards: sheared periodic cell. plates: discs that touch top or "
+            "bottom when the shear starts are glued to rigid rough plates. open: no images at all."
         ),
     ] = "lees_edwards"
 
@@ -30,9 +33,15 @@ class Cell(Section):
 class Equilibration(Section):
     """When a packing counts as at rest, in units of k ⟨D⟩ and k ⟨D⟩² per metre of depth."""
 
-    force_tolerance: Annotated[Positive, Field(description="largest net force on a disc / (k⟨D⟩)")] = 1e-9
-    energy_tolerance: Annotated[Positive, Field(description="kinetic energy per disc / (k⟨D⟩²)")] = 1e-18
-    max_steps: Annotated[int, Field(gt=0, description="limit for each of the two equilibrations")] = 100_000
+    force_tolerance: Annotated[
+        Positive, Field(description="largest net force on a disc / (k⟨D⟩)")
+    ] = 1e-9
+    energy_tolerance: Annotated[
+        Positive, Field(description="kinetic energy per disc / (k⟨D⟩²)")
+    ] = 1e-18
+    max_steps: Annotated[
+        int, Field(gt=0, description="limit for each of the two equilibrations")
+    ] = 100_000
 
 
 class Packing(Section):
@@ -44,18 +53,131 @@ class Packing(Section):
     ] = "random"
     discs: Annotated[int, Field(ge=1, description="N; ⌈N/2⌉ are large")] = 150
     packing_fraction: Annotated[
-        float, Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent")
+        float,
+        Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent"),
+        PERCENT,
     ] = 1.5
     size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
     density: Annotated[float, Field(gt=0, description="ρ of a disc [kg/m³]")] = 1000.0
     columns: Annotated[
-        int | None, Field(ge=1, description="hexagonal start: discs per row (rows = discs / columns)")
+        int | None,
+        Field(ge=1, description="hexagonal start: discs per row (rows = discs / columns)"),
     ] = None
     file: Annotated[
         Path | None,
-        Field(description="start: file. Table (.csv, .parquet) or state (.npz), beside the study"),
+        Field(
+            strict=False,
+            description="start: file. Table (.csv, .parquet) or state (.npz), beside the study",
+        ),
     ] = None
     file_digest: Annotated[
         str | None, Field(description="SHA-256 of the start file; filled in when the study is read")
     ] = None
     equilibration: Equilibration = Equilibration()
+
+    @model_validator(mode="after")
+    def _agree_with_the_start(self) -> Self:
+        problems = []
+        if self.start == "hexagonal":
+            if self.size_ratio != 1:
+                problems.append(
+                    (
+                        ("size_ratio", "start"),
+                        "a hexagonal crystal has discs of one size: write packing.size_ratio: 1",
+                    )
+                )
+            if self.columns is None:
+                problems.append(
+                    (("columns", "start"), "start: hexagonal needs packing.columns, discs per row")
+                )
+            elif self.discs % self.columns:
+                problems.append(
+                    (
+                        ("columns", "discs"),
+                        f"{self.discs} discs do not fill rows of {self.columns}: "
+                        f"packing.discs: {self.columns * round(self.discs / self.columns + 0.5)}?",
+                    )
+                )
+        elif self.columns is not None:
+            problems.append(
+                (
+                    ("columns", "start"),
+                    f"only a hexagonal start has columns, not start: {self.start}",
+                )
+            )
+        if self.start == "file":
+            if self.file is None and self.file_digest is None:
+                problems.append((("file", "start"), "start: file needs packing.file"))
+            fields = type(self).model_fields
+            problems.extend(
+                ((name, "start"), "comes from the start file: leave it out")
+                for name in ("discs", "packing_fraction", "size_ratio")
+                if getattr(self, name) != fields[name].default
+            )
+        elif self.file is not None or self.file_digest is not None:
+            problems.append(
+                (("file", "start"), f"is read with start: file only, not start: {self.start}")
+            )
+        if problems:
+            raise Impossible(problems)
+        return self
+
+    def radii(self, area: float) -> tuple[float, float]:
+        """Return the small and the large radius [m] in a cell of ``area`` [m²].
+
+        Eq. S1-14 with the real counts, so that φ is exact: ⌈N/2⌉ discs are large.
+        """
+        large = (self.discs + 1) // 2
+        squares = large * self.size_ratio**2 + (self.discs - large)
+        small = math.sqrt(self.packing_fraction * area / (math.pi * squares))
+        return small, small * self.size_ratio
+
+    def height(self, cell: Cell) -> float:
+        """Return L_y [m]: as given, else that of the crystal, else the width."""
+        if cell.height is not None:
+            return cell.height
+        if self.start == "hexagonal" and self.columns is not None:
+            return math.sqrt(0.75) * cell.width / self.columns * (self.discs / self.columns)
+        return cell.width
+
+
+def check_cell(cell: Cell, packing: Packing) -> None:
+    """Refuse a cell whose images do not fit the discs.
+
+    Raises
+    ------
+    Impossible
+        If the shorter side is under four large radii (a disc could touch a neighbour and one of
+        its images at once), or a crystal has an odd number of rows. A start file is checked when
+        it is read.
+    """
+    if cell.boundary == "open" or packing.start == "file":
+        return
+    if packing.columns is not None and (rows := packing.discs // packing.columns) % 2:
+        message = (
+            f"{packing.discs} discs make {rows} rows; every second row is shifted, so the images "
+            f"fit an even number only: packing.discs: {packing.discs + packing.columns}?"
+        )
+        raise Impossible([(("packing.columns", "packing.discs", "packing.start"), message)])
+    height = packing.height(cell)
+    side = min(cell.width, height)
+    area = cell.width * height
+    large = packing.radii(area)[1]
+    if side >= 4 * large:
+        return
+    # R_large² is proportional to φ and, but for the odd disc, to 1/N.
+    excess = (4 * large / side) ** 2
+    fraction = math.floor(1000 * packing.packing_fraction / excess) / 1000
+    advice = f"packing.packing_fraction at most {fraction:g}"
+    if packing.start == "random":
+        discs = math.ceil(packing.discs * excess)
+        while packing.model_copy(update={"discs": discs}).radii(area)[1] > side / 4:
+            discs += 1
+        advice = f"packing.discs at least {discs}, or {advice}"
+    name = "width" if cell.width <= height else "height"
+    message = (
+        f"the shorter side of the cell (its {name}, {side:.4g} m) is under four large radii "
+        f"({4 * large:.4g} m), so two discs could touch twice: {advice}, or a less narrow cell"
+    )
+    keys = ("packing.discs", "packing.packing_fraction", "packing.size_ratio", "packing.columns")
+    raise Impossible([((*keys, f"cell.{name}", "cell.width", "cell.height"), message)])

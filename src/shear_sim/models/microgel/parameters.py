@@ -1,18 +1,28 @@
 """The sections of a microgel study: every physical parameter, its unit and its limits."""
 
+import ast
+import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point, Simulation
-from shear_sim.packing import Cell, Packing
+from shear_sim.packing import Cell, Packing, check_cell
 from shear_sim.protocol import OscillatoryShear, Shear
-from shear_sim.schema import Fraction, NonNegative, Positive, Section
+from shear_sim.schema import (
+    PERCENT,
+    Fraction,
+    Impossible,
+    NonNegative,
+    Positive,
+    Section,
+    default_kind,
+)
 from shear_sim.streams import Streams
 
 Repulsion = Annotated[
-    float, Field(ge=0, le=1, description="weight of the divergent part: 0 is linear, 1 is S1-5b")
+    Fraction, Field(description="weight of the divergent part: 0 is linear, 1 is S1-5b")
 ]
 
 
@@ -38,6 +48,13 @@ class PlateauLaw(Section):
     slope: Annotated[float, Field(ge=0, le=1, description="slope relative to the linear law")] = 0.1
     repulsion: Repulsion = 1.0
 
+    @model_validator(mode="after")
+    def _begin_before_the_end(self) -> Self:
+        if self.begin > self.end:
+            message = f"begin {self.begin:g} is above end {self.end:g}: distances d/D, begin <= end"
+            raise Impossible([(("begin", "end"), message)])
+        return self
+
 
 class HertzLaw(Section):
     """F = 1.1 E R^(−1/2) Δx^(3/2), R = (r_i + r_j)/2, eq. S1-13."""
@@ -53,16 +70,71 @@ class CustomLaw(Section):
     """
 
     kind: Literal["custom"]
-    file: Annotated[Path | None, Field(description="Python file beside the study file")] = None
+    file: Annotated[
+        Path | None, Field(strict=False, description="Python file beside the study file")
+    ] = None
     source: Annotated[
         str | None, Field(description="its text; filled in when the study is read")
     ] = None
     repulsion: Repulsion = 1.0
 
+    @model_validator(mode="after")
+    def _define_contact_force(self) -> Self:
+        if self.file is None and self.source is None:
+            raise Impossible([(("file", "kind"), "kind: custom needs file: the law's Python file")])
+        if self.source is not None and (fault := fault_of_law(self.source)):
+            raise Impossible([(("file", "source"), fault)])
+        return self
+
+
+def fault_of_law(source: str) -> str | None:
+    """Return what is wrong with the text of a user's contact law, without running it."""
+    signature = "contact_force(distance, contact_distance, stiffness, repulsion)"
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        at = f"line {line}" if line else "the file"
+        return f"{at} is not Python ({getattr(error, 'msg', None) or error})"
+    for statement in tree.body:
+        if isinstance(statement, ast.FunctionDef) and statement.name == "contact_force":
+            arguments = statement.args
+            if (
+                len(arguments.posonlyargs) + len(arguments.args) == 4
+                and not arguments.kwonlyargs
+                and arguments.vararg is None
+                and arguments.kwarg is None
+            ):
+                return None
+            return f"line {statement.lineno}: must be `def {signature}`, four arguments"
+    return f"must define `def {signature}` at its top level"
+
 
 ContactLaw = Annotated[
-    LinearLaw | DivergentLaw | PlateauLaw | HertzLaw | CustomLaw, Field(discriminator="kind")
+    LinearLaw | DivergentLaw | PlateauLaw | HertzLaw | CustomLaw,
+    Field(discriminator="kind"),
+    default_kind("divergent"),
 ]
+
+# What a way of cutting leaves without effect. Such options must keep their defaults, so that two
+# jobs of the same physics have the same id.
+_WITHOUT_EFFECT: dict[str, tuple[str, ...]] = {
+    "cells": ("avoid_angle",),
+    "lines": ("edge_fuzziness",),
+    "bulk": ("cuts", "edge_fuzziness", "avoid_angle", "avoid_height_spanning"),
+    "none": (
+        "cuts",
+        "edge_fuzziness",
+        "avoid_angle",
+        "cut_top_bottom",
+        "avoid_height_spanning",
+        "remove_fraction",
+        "join_isolated",
+        "normal_factor",
+        "tangential_factor",
+        "stretched_tangential_dashpot",
+    ),
+}
 
 
 class Links(Section):
@@ -75,7 +147,7 @@ class Links(Section):
             "(no links: loose discs)"
         ),
     ] = "cells"
-    cuts: Annotated[int, Field(ge=0, description="number of random points or of lines")] = 5
+    cuts: Annotated[int, Field(ge=1, description="number of random points or of lines")] = 5
     edge_fuzziness: Annotated[
         NonNegative, Field(description="cells: noise on the distances, in large radii")
     ] = 0.0
@@ -83,19 +155,39 @@ class Links(Section):
         float,
         Field(ge=0, lt=90, description="lines: smallest angle to the horizontal [degrees]"),
     ] = 15.0
-    cut_top_bottom: Annotated[bool, Field(description="also cut along the top and bottom edge")] = False
+    cut_top_bottom: Annotated[bool, Field(description="also cut along the top and bottom edge")] = (
+        False
+    )
     avoid_height_spanning: Annotated[
         bool, Field(description="draw the cut again while a particle spans the cell's height")
     ] = True
     remove_fraction: Annotated[
         Fraction, Field(description="fraction of the links to remove, never splitting a particle")
     ] = 0.0
-    join_isolated: Annotated[bool, Field(description="link a disc without links to a neighbour")] = True
+    join_isolated: Annotated[
+        bool, Field(description="link a disc without links to a neighbour")
+    ] = True
     normal_factor: Annotated[Positive, Field(description="k of links / k")] = 1.0
     tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T")] = 1.0
     stretched_tangential_dashpot: Annotated[
         bool, Field(description="tangential dashpot of links longer than r_i + r_j")
     ] = True
+
+    @model_validator(mode="after")
+    def _have_an_effect(self) -> Self:
+        fields = type(self).model_fields
+        problems = [
+            (
+                (name, "cut"),
+                f"has no effect with cut: {self.cut}: leave it out there (the scenes that cut "
+                "otherwise may set it)",
+            )
+            for name in _WITHOUT_EFFECT[self.cut]
+            if getattr(self, name) != fields[name].default
+        ]
+        if problems:
+            raise Impossible(problems)
+        return self
 
 
 class Contacts(Section):
@@ -109,7 +201,9 @@ class Damping(Section):
     """Drag of the suspending fluid, relative to the affine flow."""
 
     decay: Annotated[
-        float, Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none")
+        float,
+        Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none"),
+        PERCENT,
     ] = 0.5
     spin: Annotated[
         Literal["flow", "zero", "none"],
@@ -121,11 +215,13 @@ class Microgel(Section):
     """Discs with visco-elastic frictional contacts and permanent links (manual, part 1)."""
 
     kind: Literal["microgel"] = "microgel"
-    young_modulus: Annotated[float, Field(gt=0, description="E [Pa]; k = π E / 8, eq. S1-8")] = 8000.0
+    young_modulus: Annotated[float, Field(gt=0, description="E [Pa]; k = π E / 8, eq. S1-8")] = (
+        8000.0
+    )
     friction: Annotated[float, Field(ge=0, description="Coulomb μ [-]")] = 0.01
-    relative_viscosity: Annotated[
-        NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")
-    ] = 0.1
+    relative_viscosity: Annotated[NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")] = (
+        0.1
+    )
     tangential_ratio: Annotated[NonNegative, Field(description="k_T / k = η_T / η [-]")] = 1.0
     contact_law: ContactLaw = DivergentLaw()
     sliding: Annotated[
@@ -149,7 +245,8 @@ class Microgel(Section):
     contacts: Contacts = Contacts()
     links: Links = Links()
     scale_viscosity: Annotated[
-        bool, Field(description="dashpots of reinforced contacts and links scale with their springs")
+        bool,
+        Field(description="dashpots of reinforced contacts and links scale with their springs"),
     ] = True
     damping: Damping = Damping()
     drive: Annotated[
@@ -175,7 +272,8 @@ class Record(Section):
 
     every: Annotated[int, Field(ge=1, description="steps between records")] = 1
     columns: Annotated[
-        tuple[str, ...] | None, Field(description="stored columns by name; default: all")
+        tuple[str, ...] | None,
+        Field(strict=False, description="stored columns by name; default: all"),
     ] = None
 
 
@@ -188,6 +286,54 @@ class MicrogelPoint(Point):
     shear: Shear = OscillatoryShear()
     integrator: Integrator = Integrator()
     record: Record = Record()
+
+    @property
+    def kind(self) -> str:
+        """Name of the model."""
+        return self.model.kind
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        check_cell(self.cell, self.packing)
+        problems = [*self._unresolved_steps(), *self._unresolved_records()]
+        if problems:
+            raise Impossible(problems)
+        return self
+
+    def _unresolved_steps(self) -> list[tuple[tuple[str, ...], str]]:
+        """Return the complaint on steps with which two small discs in contact must blow up."""
+        steps = self.integrator.steps_per_period
+        law = self.model.contact_law.kind
+        if steps is None or self.packing.start == "file" or law in {"hertz", "custom"}:
+            return []  # the stiffness or the masses are known only later
+        small, large = self.packing.radii(1.0)
+        n_large = (self.packing.discs + 1) // 2
+        mean = (n_large * large**2 + (self.packing.discs - n_large) * small**2) / self.packing.discs
+        lightest = large if n_large == self.packing.discs else small
+        links = self.model.links
+        factor = max(self.model.contacts.normal_factor, links.normal_factor)
+        # Δt < 2/ω with ω² = 2 k/m, of an explicit scheme without damping; τ² = ⟨m⟩/k.
+        limit = math.sqrt(2 * lightest**2 / mean / factor)
+        needed = math.ceil(1 / (self.shear.relative_frequency * limit))
+        if steps >= needed:
+            return []
+        message = (
+            f"{steps} steps per period are unstable for two small discs in contact: at least "
+            f"{needed} (Δt < {limit:.3g} τ), several times more for a dense packing"
+        )
+        keys = ("integrator.steps_per_period", "shear.relative_frequency")
+        return [(keys, message)]
+
+    def _unresolved_records(self) -> list[tuple[tuple[str, ...], str]]:
+        """Return the complaint on records too rare for the nine harmonics of the moduli."""
+        steps = self.integrator.steps_per_period
+        if steps is None or self.shear.kind != "oscillatory" or steps >= 20 * self.record.every:
+            return []
+        message = (
+            f"one record every {self.record.every} of {steps} steps per period: G′ and G″ are read "
+            f"with nine harmonics and need 20 records a period: at most {max(1, steps // 20)}"
+        )
+        return [(("record.every", "integrator.steps_per_period"), message)]
 
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation: packing, equilibration, links, equilibration."""

@@ -1,0 +1,457 @@
+"""Study files: YAML 1.2 with the line of every key, and errors in the words of the file."""
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from shear_sim.schema import Impossible, UnitMistake
+
+Key = tuple[str | int, ...]
+
+MAX_VALUES = 500_000  # of one file, aliases counted at every use
+
+_NOTHING = object()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a study file, and what would be right."""
+
+    path: Path
+    line: int | None
+    key: str
+    value: object
+    message: str
+
+    def __str__(self) -> str:
+        """Return ``file:line: key = value: message``."""
+        place = f"{self.path}:{self.line}" if self.line else f"{self.path}"
+        if not self.key:
+            return f"{place}: {self.message}"
+        value = "" if self.value is _NOTHING else f" = {_shown(self.value)}"
+        return f"{place}: {self.key}{value}: {self.message}"
+
+
+class StudyError(Exception):
+    """A study that cannot be run as written: all its problems at once.
+
+    Attributes
+    ----------
+    path : Path
+        The study file.
+    problems : tuple of Problem
+        In the order of the file.
+    """
+
+    def __init__(self, path: Path, problems: Iterator[Problem] | list[Problem]) -> None:
+        self.path = path
+        self.problems = tuple(sorted(problems, key=lambda problem: (problem.line or 0)))
+        super().__init__(path, self.problems)
+
+    def __str__(self) -> str:
+        """Return the whole report, one line for each problem."""
+        number = len(self.problems)
+        title = f"{self.path}: {number} problem{'s' if number != 1 else ''}"
+        return "\n".join([title, *(f"  {problem}" for problem in self.problems)])
+
+
+# --- YAML ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML file as plain values, with the line of every key and list item.
+
+    Attributes
+    ----------
+    data : dict
+        Plain values; floats rounded to 12 significant digits.
+    lines : dict
+        Key path, from the top, to its line (from 1).
+    """
+
+    path: Path
+    data: dict[str, Any]
+    lines: dict[Key, int] = field(repr=False)
+
+    def line(self, key: Key) -> int | None:
+        """Return the line of ``key``, or of the innermost section around it."""
+        while key and key not in self.lines:
+            key = key[:-1]
+        return self.lines.get(key)
+
+    def problem(self, key: Key, message: str, value: object = _NOTHING) -> Problem:
+        """Return a problem of this file at ``key``."""
+        return Problem(self.path, self.line(key), dotted(key), value, message)
+
+
+def dotted(key: Key) -> str:
+    """Return a key path as it is written in messages: ``sweep[0].grid.model.friction``."""
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def round12(value: float) -> float:
+    """Return ``value`` rounded to 12 significant digits, and −0 as 0.
+
+    ``linspace(0.8, 0.9, 11)[3]`` is 0.8300000000000001: without rounding, another job than 0.83.
+    """
+    return float(f"{value:.12g}") + 0.0
+
+
+_INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(
+    r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+)
+_CONSTANTS = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+
+
+def _scalar(text: str) -> object:
+    """Return the value of a plain (unquoted) scalar in the core schema of YAML 1.2."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if _INT.fullmatch(text):
+        return int(text, 0) if text[:2] in {"0o", "0x"} else int(text)
+    if _FLOAT.fullmatch(text):
+        if text[-1] in "fFnN":
+            return float(text.replace(".", ""))
+        return round12(float(text))
+    return text
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's parser without the types of YAML 1.1: it only says which scalars are quoted."""
+
+    def resolve(self, kind: type[yaml.Node], value: str | None, implicit: Any) -> str:  # noqa: ARG002
+        if kind is yaml.ScalarNode:
+            return "plain" if implicit[0] else "quoted"
+        return "mapping" if kind is yaml.MappingNode else "sequence"
+
+
+class _Builder:
+    """Turns the nodes of one file into plain values and keeps the line of every key."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.lines: dict[Key, int] = {}
+        self.problems: list[Problem] = []
+        self._values = 0
+        self._open: set[int] = set()  # nodes being built: an alias inside its own anchor
+
+    def build(self, node: yaml.Node, key: Key) -> Any:
+        """Return the value of ``node``, which stands at ``key``."""
+        self._values += 1
+        if self._values > MAX_VALUES:
+            message = f"more than {MAX_VALUES:,} values, aliases counted at every use"
+            raise StudyError(self.path, [Problem(self.path, None, "", _NOTHING, message)])
+        self.lines.setdefault(key, node.start_mark.line + 1)
+        if node.tag not in {"plain", "quoted", "mapping", "sequence"}:
+            self._complain(node, key, f"the tag {node.tag} has no meaning in a study: leave it out")
+            return None
+        if isinstance(node, yaml.ScalarNode):
+            return self._scalar(node, key)
+        if id(node) in self._open:
+            self._complain(node, key, "an alias inside its own anchor has no end")
+            return None
+        self._open.add(id(node))
+        value = self._mapping(node, key) if isinstance(node, yaml.MappingNode) else [
+            self.build(item, (*key, i)) for i, item in enumerate(node.value)
+        ]
+        self._open.remove(id(node))
+        return value
+
+    def _mapping(self, node: yaml.MappingNode, key: Key) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        first: dict[str, int] = {}
+        for name_node, value_node in node.value:
+            line = name_node.start_mark.line + 1
+            name = self._scalar(name_node, key) if isinstance(name_node, yaml.ScalarNode) else None
+            if not isinstance(name, str):
+                shown = f"`{name_node.value}`" if isinstance(name_node, yaml.ScalarNode) else "this"
+                self._complain(name_node, key, f"{shown} is not a word, so it cannot be a key")
+            elif name in values:
+                message = f"given twice, in lines {first[name]} and {line}: keep one"
+                self._complain(name_node, (*key, name), message)
+            else:
+                first[name] = line
+                self.lines.setdefault((*key, name), line)
+                values[name] = self.build(value_node, (*key, name))
+        return values
+
+    def _scalar(self, node: yaml.ScalarNode, key: Key) -> object:
+        try:
+            node.value.encode()  # \ud800 is half a character: nothing could print it
+            return _scalar(node.value) if node.tag == "plain" else node.value
+        except ValueError as error:  # or an integer of more than 4300 digits
+            self._complain(node, key, f"cannot be read ({error})")
+            return None
+
+    def _complain(self, node: yaml.Node, key: Key, message: str) -> None:
+        line = node.start_mark.line + 1
+        self.problems.append(Problem(self.path, line, dotted(key), _NOTHING, message))
+
+
+def read_yaml(content: bytes, path: Path) -> Document:
+    """Read a YAML 1.2 file whose top level is a mapping.
+
+    Numbers and booleans follow the core schema: ``1e-3`` is a number, ``017`` is 17, ``12:30``,
+    ``on`` and ``yes`` are strings. Anchors and aliases work; tags and merge keys do not.
+
+    Parameters
+    ----------
+    content : bytes
+        The file, UTF-8.
+    path : Path
+        Its name, for messages.
+
+    Raises
+    ------
+    StudyError
+        If it is not such a file, or a key is given twice.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        message = f"byte 0x{content[error.start]:02x} is not UTF-8: save the file as UTF-8"
+        raise StudyError(path, [Problem(path, line, "", _NOTHING, message)]) from None
+    builder = _Builder(path)
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+        data = builder.build(node, ()) if node is not None else None
+    except yaml.YAMLError as error:
+        raise StudyError(path, [_syntax_problem(error, path)]) from None
+    except (ValueError, OverflowError) as error:  # PyYAML on "\U99999999"
+        message = f"not YAML: {error}"
+        raise StudyError(path, [Problem(path, None, "", _NOTHING, message)]) from None
+    except RecursionError:
+        message = "nested too deeply for a study"
+        raise StudyError(path, [Problem(path, None, "", _NOTHING, message)]) from None
+    if not isinstance(data, dict) and not builder.problems:
+        what = "is empty" if data is None else f"starts with {_shown(data)}"
+        message = f"{what}: a study is a mapping, for example `model: {{friction: 0.1}}`"
+        builder.problems.append(Problem(path, 1, "", _NOTHING, message))
+    if builder.problems:
+        raise StudyError(path, builder.problems)
+    return Document(path, data, builder.lines)
+
+
+def _syntax_problem(error: yaml.YAMLError, path: Path) -> Problem:
+    line, message = None, str(error)
+    if isinstance(error, yaml.MarkedYAMLError):
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else None
+        message = ", ".join(part for part in (error.context, error.problem) if part)
+        if "'\\t'" in message:
+            message += " (indent with spaces, not tabs)"
+    return Problem(path, line, "", _NOTHING, f"not YAML: {' '.join(message.split())}")
+
+
+# --- Validation errors in the words of the file ---------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Complaint:
+    """What a section says about one value (or, by a cross-check, about several)."""
+
+    keys: tuple[Key, ...]
+    value: object
+    message: str
+
+
+def complaints(
+    error: ValidationError, model: type[BaseModel], top_level: tuple[str, ...] = ()
+) -> Iterator[Complaint]:
+    """Yield what is wrong, by key path of the file, with what would be right.
+
+    Parameters
+    ----------
+    error : ValidationError
+        From validating ``model``.
+    model : type
+        The section at the top.
+    top_level : tuple of str
+        Keys that the file may also have at its top, which ``model`` does not know.
+    """
+    for entry in error.errors(include_url=False):
+        context = entry.get("ctx", {})
+        place = _locate(model, entry["loc"])
+        cause = context.get("error")
+        if isinstance(cause, Impossible):
+            for keys, message in cause.problems:
+                paths = tuple((*place.key, *key.split(".")) for key in keys)
+                yield Complaint(paths, _NOTHING, message)
+        elif entry["type"] == "extra_forbidden":
+            known = tuple(_fields(place.parent)) if place.parent else ()
+            if place.parent is model:
+                known += top_level
+            yield Complaint((place.key,), _NOTHING, _unknown(place.key, known, model, top_level))
+        elif entry["type"] == "missing":
+            yield Complaint((place.key,), _NOTHING, "is required" + _meaning(place.info))
+        elif entry["type"] == "union_tag_invalid":
+            value = entry["input"]["kind"]
+            known = tuple(re.findall(r"'([^']*)'", context["expected_tags"]))
+            yield Complaint(((*place.key, "kind"),), value, _one_of(value, known))
+        else:
+            yield Complaint((place.key,), entry["input"], _wrong(entry, place.info))
+
+
+@dataclass(frozen=True)
+class _Place:
+    key: Key
+    info: FieldInfo | None  # of the last part
+    parent: type[BaseModel] | None  # section that holds the last part
+
+
+def _fields(section: type[BaseModel]) -> dict[str, FieldInfo]:
+    return {info.alias or name: info for name, info in section.model_fields.items()}
+
+
+def _sections(annotation: Any) -> list[type[BaseModel]]:
+    """Return the sections named anywhere in a type."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [section for part in get_args(annotation) for section in _sections(part)]
+
+
+def _kind(section: type[BaseModel]) -> str | None:
+    """Return the tag of a member of a union of sections."""
+    if "kind" not in section.model_fields:
+        return None
+    tag: str = get_args(section.model_fields["kind"].annotation)[0]
+    return tag
+
+
+def _locate(model: type[BaseModel], loc: Key) -> _Place:
+    """Return the place of pydantic's ``loc``, which names union members too, in the file."""
+    key: Key = ()
+    section: type[BaseModel] | None = model
+    parent = info = None
+    members: dict[str | int, type[BaseModel]] = {}
+    mapping = False  # the next part is a free name, as in {name: section}
+    for part in loc:
+        if part in members:
+            section, members = members[part], {}
+            continue
+        key = (*key, part)
+        if isinstance(part, int) or mapping:
+            mapping = False
+            continue
+        parent = section
+        info = _fields(section).get(part) if section else None
+        options = _sections(info.annotation) if info else []
+        mapping = info is not None and get_origin(info.annotation) is dict
+        section = options[0] if len(options) == 1 else None
+        members = {kind: option for option in options if (kind := _kind(option)) is not None}
+        if len(options) == 1:
+            members = {}
+    return _Place(key, info, parent)
+
+
+def _unknown(
+    key: Key, known: tuple[str, ...], model: type[BaseModel], top_level: tuple[str, ...]
+) -> str:
+    name = str(key[-1])
+    if len(key) == 1 and name in top_level:
+        return "belongs to the whole study, so no scene or sweep can change it"
+    if "." in name:
+        return f"write it as a section: `{name.split('.')[0]}: {{{name.split('.', 1)[1]}: ...}}`"
+    if close := difflib.get_close_matches(name, known, n=1):
+        return f"unknown key: did you mean {dotted((*key[:-1], close[0]))}?"
+    every = list(_dotted_keys(model))
+    elsewhere = [path for path in every if path.rsplit(".", 1)[-1] == name]
+    if not elsewhere:
+        last = {path.rsplit(".", 1)[-1]: path for path in every}
+        elsewhere = [last[match] for match in difflib.get_close_matches(name, last, n=1)]
+    if elsewhere:
+        return f"unknown key: did you mean {' or '.join(dict.fromkeys(elsewhere))}?"
+    if not known:
+        return "unknown key: there are no keys below this one"
+    return f"unknown key: known are {', '.join(known)}"
+
+
+def _dotted_keys(section: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name, info in _fields(section).items():
+        yield prefix + name
+        for option in _sections(info.annotation):
+            yield from _dotted_keys(option, f"{prefix}{name}.")
+
+
+def _one_of(value: object, known: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(str(value), known, n=1)
+    return f"must be one of {', '.join(known)}" + (f"; did you mean {close[0]}?" if close else "")
+
+
+_MUST_BE = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "bool_type": "must be true or false",
+    "string_type": "must be a text",
+    "path_type": "must be a file name",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a section of `key: value`",
+    "model_type": "must be a section of `key: value`",
+    "model_attributes_type": "must be a section of `key: value`",
+    "finite_number": "must be a finite number",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+}
+
+
+def _wrong(entry: Any, info: FieldInfo | None) -> str:
+    context = entry.get("ctx", {})
+    if entry["type"] == "literal_error" and info is not None:
+        return _one_of(entry["input"], tuple(str(value) for value in _literals(info.annotation)))
+    if entry["type"] not in _MUST_BE:
+        return str(context.get("error") or entry["msg"])
+    message = _MUST_BE[entry["type"]].format(**context)
+    mistakes = [item for item in info.metadata if isinstance(item, UnitMistake)] if info else []
+    limit = context.get("le", context.get("lt"))
+    if mistakes and limit is not None:
+        meant = round12(entry["input"] * mistakes[0].factor)
+        again = f": {meant:g}?" if meant <= limit else ""
+        return f"{message} ({mistakes[0].right}{again})"
+    return message + _meaning(info)
+
+
+def _literals(annotation: Any) -> list[object]:
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [value for part in get_args(annotation) for value in _literals(part)]
+
+
+def _meaning(info: FieldInfo | None) -> str:
+    return f" ({info.description})" if info is not None and info.description else ""
+
+
+def _shown(value: object) -> str:
+    """Return ``value`` as the file might hold it, short."""
+    if isinstance(value, Mapping):
+        text = "{" + ", ".join(f"{key}: {_shown(item)}" for key, item in value.items()) + "}"
+    elif isinstance(value, list | tuple):
+        text = "[" + ", ".join(_shown(item) for item in value) + "]"
+    elif isinstance(value, bool) or value is None:
+        text = {True: "true", False: "false", None: "null"}[value]
+    elif isinstance(value, float):
+        text = f"{value:.12g}"
+    else:
+        try:
+            text = " ".join(str(value).split())
+        except ValueError:  # an integer of more than 4300 digits
+            text = "a huge number"
+    return text if len(text) <= 60 else text[:57] + "..."

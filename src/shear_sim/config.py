@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -15,9 +15,10 @@ from shear_sim.schema import Impossible, UnitMistake
 
 Key = tuple[str | int, ...]
 
+REQUIRED = "is required"
 MAX_VALUES = 500_000  # of one file, aliases counted at every use
 
-_NOTHING = object()
+NOTHING = object()  # a problem about no value in particular
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Problem:
         place = f"{self.path}:{self.line}" if self.line else f"{self.path}"
         if not self.key:
             return f"{place}: {self.message}"
-        value = "" if self.value is _NOTHING else f" = {_shown(self.value)}"
+        value = "" if self.value is NOTHING else f" = {_shown(self.value)}"
         return f"{place}: {self.key}{value}: {self.message}"
 
 
@@ -52,7 +53,7 @@ class StudyError(Exception):
 
     def __init__(self, path: Path, problems: Iterator[Problem] | list[Problem]) -> None:
         self.path = path
-        self.problems = tuple(sorted(problems, key=lambda problem: (problem.line or 0)))
+        self.problems = tuple(sorted(problems, key=lambda problem: problem.line or 0))
         super().__init__(path, self.problems)
 
     def __str__(self) -> str:
@@ -86,10 +87,6 @@ class Document:
         while key and key not in self.lines:
             key = key[:-1]
         return self.lines.get(key)
-
-    def problem(self, key: Key, message: str, value: object = _NOTHING) -> Problem:
-        """Return a problem of this file at ``key``."""
-        return Problem(self.path, self.line(key), dotted(key), value, message)
 
 
 def dotted(key: Key) -> str:
@@ -156,7 +153,7 @@ class _Builder:
         self._values += 1
         if self._values > MAX_VALUES:
             message = f"more than {MAX_VALUES:,} values, aliases counted at every use"
-            raise StudyError(self.path, [Problem(self.path, None, "", _NOTHING, message)])
+            raise StudyError(self.path, [Problem(self.path, None, "", NOTHING, message)])
         self.lines.setdefault(key, node.start_mark.line + 1)
         if node.tag not in {"plain", "quoted", "mapping", "sequence"}:
             self._complain(node, key, f"the tag {node.tag} has no meaning in a study: leave it out")
@@ -167,9 +164,11 @@ class _Builder:
             self._complain(node, key, "an alias inside its own anchor has no end")
             return None
         self._open.add(id(node))
-        value = self._mapping(node, key) if isinstance(node, yaml.MappingNode) else [
-            self.build(item, (*key, i)) for i, item in enumerate(node.value)
-        ]
+        value = (
+            self._mapping(node, key)
+            if isinstance(node, yaml.MappingNode)
+            else [self.build(item, (*key, i)) for i, item in enumerate(node.value)]
+        )
         self._open.remove(id(node))
         return value
 
@@ -178,7 +177,8 @@ class _Builder:
         first: dict[str, int] = {}
         for name_node, value_node in node.value:
             line = name_node.start_mark.line + 1
-            name = self._scalar(name_node, key) if isinstance(name_node, yaml.ScalarNode) else None
+            plain = isinstance(name_node, yaml.ScalarNode) and name_node.tag in {"plain", "quoted"}
+            name = self._scalar(name_node, key) if plain else None
             if not isinstance(name, str):
                 shown = f"`{name_node.value}`" if isinstance(name_node, yaml.ScalarNode) else "this"
                 self._complain(name_node, key, f"{shown} is not a word, so it cannot be a key")
@@ -201,7 +201,7 @@ class _Builder:
 
     def _complain(self, node: yaml.Node, key: Key, message: str) -> None:
         line = node.start_mark.line + 1
-        self.problems.append(Problem(self.path, line, dotted(key), _NOTHING, message))
+        self.problems.append(Problem(self.path, line, dotted(key), NOTHING, message))
 
 
 def read_yaml(content: bytes, path: Path) -> Document:
@@ -227,7 +227,7 @@ def read_yaml(content: bytes, path: Path) -> Document:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         message = f"byte 0x{content[error.start]:02x} is not UTF-8: save the file as UTF-8"
-        raise StudyError(path, [Problem(path, line, "", _NOTHING, message)]) from None
+        raise StudyError(path, [Problem(path, line, "", NOTHING, message)]) from None
     builder = _Builder(path)
     try:
         node = yaml.compose(text, Loader=_Loader)
@@ -236,16 +236,16 @@ def read_yaml(content: bytes, path: Path) -> Document:
         raise StudyError(path, [_syntax_problem(error, path)]) from None
     except (ValueError, OverflowError) as error:  # PyYAML on "\U99999999"
         message = f"not YAML: {error}"
-        raise StudyError(path, [Problem(path, None, "", _NOTHING, message)]) from None
+        raise StudyError(path, [Problem(path, None, "", NOTHING, message)]) from None
     except RecursionError:
         message = "nested too deeply for a study"
-        raise StudyError(path, [Problem(path, None, "", _NOTHING, message)]) from None
-    if not isinstance(data, dict) and not builder.problems:
-        what = "is empty" if data is None else f"starts with {_shown(data)}"
-        message = f"{what}: a study is a mapping, for example `model: {{friction: 0.1}}`"
-        builder.problems.append(Problem(path, 1, "", _NOTHING, message))
+        raise StudyError(path, [Problem(path, None, "", NOTHING, message)]) from None
     if builder.problems:
         raise StudyError(path, builder.problems)
+    if not isinstance(data, dict):
+        what = "is empty" if data is None else f"starts with {_shown(data)}"
+        message = f"{what}: a study is a mapping, for example `model: {{friction: 0.1}}`"
+        raise StudyError(path, [Problem(path, 1, "", NOTHING, message)])
     return Document(path, data, builder.lines)
 
 
@@ -257,7 +257,7 @@ def _syntax_problem(error: yaml.YAMLError, path: Path) -> Problem:
         message = ", ".join(part for part in (error.context, error.problem) if part)
         if "'\\t'" in message:
             message += " (indent with spaces, not tabs)"
-    return Problem(path, line, "", _NOTHING, f"not YAML: {' '.join(message.split())}")
+    return Problem(path, line, "", NOTHING, f"not YAML: {' '.join(message.split())}")
 
 
 # --- Validation errors in the words of the file ---------------------------------------------------
@@ -267,8 +267,7 @@ def _syntax_problem(error: yaml.YAMLError, path: Path) -> Problem:
 class Complaint:
     """What a section says about one value (or, by a cross-check, about several)."""
 
-    keys: tuple[Key, ...]
-    value: object
+    keys: tuple[Key, ...]  # the message stands alone: any of them may be shown
     message: str
 
 
@@ -293,20 +292,20 @@ def complaints(
         if isinstance(cause, Impossible):
             for keys, message in cause.problems:
                 paths = tuple((*place.key, *key.split(".")) for key in keys)
-                yield Complaint(paths, _NOTHING, message)
+                yield Complaint(paths, message)
         elif entry["type"] == "extra_forbidden":
             known = tuple(_fields(place.parent)) if place.parent else ()
             if place.parent is model:
                 known += top_level
-            yield Complaint((place.key,), _NOTHING, _unknown(place.key, known, model, top_level))
+            yield Complaint((place.key,), _unknown(place.key, known, model, top_level))
         elif entry["type"] == "missing":
-            yield Complaint((place.key,), _NOTHING, "is required" + _meaning(place.info))
+            yield Complaint((place.key,), REQUIRED + _meaning(place.info))
         elif entry["type"] == "union_tag_invalid":
-            value = entry["input"]["kind"]
             known = tuple(re.findall(r"'([^']*)'", context["expected_tags"]))
-            yield Complaint(((*place.key, "kind"),), value, _one_of(value, known))
+            message = one_of(entry["input"]["kind"], known)
+            yield Complaint(((*place.key, "kind"),), message)
         else:
-            yield Complaint((place.key,), entry["input"], _wrong(entry, place.info))
+            yield Complaint((place.key,), _wrong(entry, place.info))
 
 
 @dataclass(frozen=True)
@@ -343,6 +342,8 @@ def _locate(model: type[BaseModel], loc: Key) -> _Place:
     members: dict[str | int, type[BaseModel]] = {}
     mapping = False  # the next part is a free name, as in {name: section}
     for part in loc:
+        if part == "[key]":
+            continue  # pydantic's mark for a fault of the key itself
         if part in members:
             section, members = members[part], {}
             continue
@@ -390,7 +391,8 @@ def _dotted_keys(section: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield from _dotted_keys(option, f"{prefix}{name}.")
 
 
-def _one_of(value: object, known: tuple[str, ...]) -> str:
+def one_of(value: object, known: Sequence[str]) -> str:
+    """Return the message on a word that is not one of the ``known`` ones."""
     close = difflib.get_close_matches(str(value), known, n=1)
     return f"must be one of {', '.join(known)}" + (f"; did you mean {close[0]}?" if close else "")
 
@@ -416,7 +418,7 @@ _MUST_BE = {
 def _wrong(entry: Any, info: FieldInfo | None) -> str:
     context = entry.get("ctx", {})
     if entry["type"] == "literal_error" and info is not None:
-        return _one_of(entry["input"], tuple(str(value) for value in _literals(info.annotation)))
+        return one_of(entry["input"], tuple(str(value) for value in _literals(info.annotation)))
     if entry["type"] not in _MUST_BE:
         return str(context.get("error") or entry["msg"])
     message = _MUST_BE[entry["type"]].format(**context)

@@ -91,13 +91,9 @@ class Packing(Section):
                     (("columns", "start"), "start: hexagonal needs packing.columns, discs per row")
                 )
             elif self.discs % self.columns:
-                problems.append(
-                    (
-                        ("columns", "discs"),
-                        f"{self.discs} discs do not fill rows of {self.columns}: "
-                        f"packing.discs: {self.columns * round(self.discs / self.columns + 0.5)}?",
-                    )
-                )
+                full = self.columns * (self.discs // self.columns + 1)
+                message = f"{self.discs} discs do not fill rows of {self.columns}: "
+                problems.append((("columns", "discs"), f"{message}packing.discs: {full}?"))
         elif self.columns is not None:
             problems.append(
                 (
@@ -110,7 +106,7 @@ class Packing(Section):
                 problems.append((("file", "start"), "start: file needs packing.file"))
             fields = type(self).model_fields
             problems.extend(
-                ((name, "start"), "comes from the start file: leave it out")
+                ((name, "start"), f"start: file takes {name} from the file: leave {name} out")
                 for name in ("discs", "packing_fraction", "size_ratio")
                 if getattr(self, name) != fields[name].default
             )
@@ -179,5 +175,6 @@ def check_cell(cell: Cell, packing: Packing) -> None:
         f"the shorter side of the cell (its {name}, {side:.4g} m) is under four large radii "
         f"({4 * large:.4g} m), so two discs could touch twice: {advice}, or a less narrow cell"
     )
-    keys = ("packing.discs", "packing.packing_fraction", "packing.size_ratio", "packing.columns")
-    raise Impossible([((*keys, f"cell.{name}", "cell.width", "cell.height"), message)])
+    keys = ("discs", "packing_fraction", "size_ratio", "columns", "start")
+    sides = (f"cell.{name}", "cell.width", "cell.height", "cell.boundary")
+    raise Impossible([((*(f"packing.{key}" for key in keys), *sides), message)])

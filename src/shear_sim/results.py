@@ -122,7 +122,7 @@ class Results:
         """Write ``plan.parquet`` unless it is there: every shard has the same one."""
         import pyarrow as pa
 
-        jobs = study.jobs()
+        jobs = sorted((job.id, point, job) for point, of in study.groups().items() for job in of)
         summary = {
             "format": FORMAT,
             "study": study.name,
@@ -131,14 +131,14 @@ class Results:
             "varied": list(study.varied),
         }
         columns: dict[str, list[Any]] = {
-            "job": [job.id for job in jobs],
-            "replicate": [job.replicate for job in jobs],
-            "labels": [to_json(job.labels) for job in jobs],
+            "job": [job for job, _, _ in jobs],
+            "point": [point for _, point, _ in jobs],
+            "replicate": [job.replicate for _, _, job in jobs],
+            "labels": [to_json(job.labels) for _, _, job in jobs],
         }
-        points = {id(job.point): job.point for job in jobs}  # replicates share theirs
-        values = {key: flatten(point.model_dump(mode="json")) for key, point in points.items()}
+        values = {point.id: flatten(json.loads(point.json)) for point in study.points}
         for name in study.varied:
-            columns[name] = [values[id(job.point)].get(name) for job in jobs]
+            columns[name] = [values[point].get(name) for point in columns["point"]]
         table = pa.table(columns)
         with contextlib.suppress(TableError):  # none yet, or a damaged one
             if self.plan()[1] == summary and self.plan()[0].equals(table):
@@ -148,8 +148,9 @@ class Results:
     def plan(self) -> "tuple[pyarrow.Table, dict[str, Any]]":
         """Return the study as last planned: one row a job, and what the study says of itself.
 
-        Columns: ``job``, ``replicate``, ``labels`` (JSON: the [block, scene] pairs that the job
-        belongs to) and every key that varies, under its name in the study file.
+        Columns: ``job``, ``point`` (the id that its replicates share), ``replicate``, ``labels``
+        (JSON: the [block, scene] pairs that the job belongs to) and every key that varies, under
+        its name in the study file.
 
         Raises
         ------
@@ -182,10 +183,14 @@ class Results:
         write_whole(self.failed / f"{failure.job}.json", f"{text}\n".encode())
 
 
+    def forget_failure(self, job: str) -> None:
+        """Remove the record of a failure: a later try has succeeded."""
+        (self.failed / f"{job}.json").unlink(missing_ok=True)
+
     def index(self) -> "pyarrow.Table":
         """Return one row per finished job: the numbers, words and flags of its summary.
 
-        Columns are ``job``, ``replicate``, ``seed``, every parameter under its name in the study
+        Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in the study
         file (``shear.strain_amplitude``), and the rest of the summary with dotted names
         (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
         ``bytes`` is the size of that file. Rows are sorted by job id.
@@ -259,8 +264,9 @@ def _index_row(path: Path) -> dict[str, Any]:
         )
         raise TableError(msg)
     job = summary["job"]
-    row = {"job": job["id"], "replicate": job["replicate"], "seed": job["seed"]}
-    row |= {"physics_version": job["physics_version"], "bytes": path.stat().st_size}
+    row = {"job": job["id"], "point": job["point"], "replicate": job["replicate"]}
+    row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
+    row["bytes"] = path.stat().st_size
     row |= flatten(summary["parameters"])
     rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
     return row | flatten(dict(sorted(rest.items())))

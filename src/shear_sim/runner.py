@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shear_sim import models
 from shear_sim.compiled import processor
 from shear_sim.results import FORMAT
 from shear_sim.rheology import summarise
@@ -50,28 +51,20 @@ def run_job(job: "Job", folder: Path) -> Path:
     simulation = job.point.start(job.streams)
     while simulation.done < simulation.rows:
         simulation.advance(BLOCK)
+    model = models.model(job.point.kind)
     columns = simulation.columns()
+    what = job.to_json()
+    identity = {key: what[key] for key in ("id", "replicate", "seed", "model", "physics_version")}
     summary = {
         "format": FORMAT,
-        "job": describe(job),
-        "parameters": job.point.model_dump(mode="json"),
+        "job": {**identity, "point": job.point_id},
+        "parameters": what["parameters"],
         **simulation.summary(),
     }
-    summary |= summarise({**columns, **job.model.derive(columns)}, summary["protocol"])
-    summary["run"] = {**clock.read(), **environment()}
-    write_table(path, columns, job.model.COLUMNS, summary)
+    summary |= summarise({**columns, **model.derive(columns)}, summary["protocol"])
+    summary["run"] = {**clock.read(), **environment(), "files": what["files"]}
+    write_table(path, columns, model.COLUMNS, summary)
     return path
-
-
-def describe(job: "Job") -> dict[str, Any]:
-    """Return the block ``job`` of a summary: what identifies the job, with its parameters."""
-    return {
-        "id": job.id,
-        "replicate": job.replicate,
-        "seed": job.seed,
-        "model": job.kind,
-        "physics_version": job.model.PHYSICS_VERSION,
-    }
 
 
 class _Clock:

@@ -24,6 +24,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
+from shear_sim import models
 from shear_sim.results import Failure
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class Workers:
                 stdout=log,
                 stderr=log,
             )
-        with contextlib.suppress(BrokenPipeError):  # it has died already: wait() will tell
+        with contextlib.suppress(BrokenPipeError):  # it has died already: events() will tell
             self._link.send((os.getpid(), list(jobs), folder))
 
     def add(self) -> int:
@@ -121,16 +122,15 @@ class Workers:
 
     def give(self, worker: int, job: int) -> None:
         """Let a worker that is idle run the job of this number in the list."""
-        with contextlib.suppress(BrokenPipeError):  # it has died: wait() will tell
+        with contextlib.suppress(OSError):  # it has died: events() will tell
             self._channels[worker].send(job)
 
     def events(self, timeout: float) -> Iterator[Event]:
         """Yield what has happened, waiting for at most ``timeout`` seconds."""
-        channels = {channel: worker for worker, channel in self._channels.items()}
+        channels = {c: worker for worker, c in self._channels.items() if not c.closed}
         ready = wait([*channels, self._link], timeout)
-        for channel in ready:
-            if worker := channels.get(channel):  # type: ignore[call-overload]
-                yield from self._read(worker)
+        for channel in channels.keys() & set(ready):
+            yield from self._read(channels[channel])
         if self._link in ready:
             try:
                 event = self._link.recv()
@@ -232,12 +232,10 @@ def _prepare(jobs: Sequence["Job"], link: Connection) -> None:
 def compile_for(jobs: Sequence["Job"]) -> None:
     """Compile, or load from the cache, the kernels of all ``jobs``."""
     points: dict[str, dict[int, Any]] = {}
-    models = {}
-    for job in jobs:
-        models[job.kind] = job.model
-        points.setdefault(job.kind, {})[id(job.point)] = job.point  # replicates share theirs
-    for kind, model in models.items():
-        model.compile_for(list(points[kind].values()))
+    for job in jobs:  # replicates share their point
+        points.setdefault(job.point.kind, {})[id(job.point)] = job.point
+    for kind, of_kind in points.items():
+        models.model(kind).compile_for(list(of_kind.values()))
 
 
 @contextlib.contextmanager

@@ -176,12 +176,9 @@ class Links(Section):
     @model_validator(mode="after")
     def _have_an_effect(self) -> Self:
         fields = type(self).model_fields
+        without = f"has no effect with cut: {self.cut}: set it only in the scenes that need it"
         problems = [
-            (
-                (name, "cut"),
-                f"has no effect with cut: {self.cut}: leave it out there (the scenes that cut "
-                "otherwise may set it)",
-            )
+            ((name, "cut"), f"{name}: {getattr(self, name)} {without}")
             for name in _WITHOUT_EFFECT[self.cut]
             if getattr(self, name) != fields[name].default
         ]
@@ -321,7 +318,15 @@ class MicrogelPoint(Point):
             f"{steps} steps per period are unstable for two small discs in contact: at least "
             f"{needed} (Δt < {limit:.3g} τ), several times more for a dense packing"
         )
-        keys = ("integrator.steps_per_period", "shear.relative_frequency")
+        keys = (
+            "integrator.steps_per_period",
+            "shear.relative_frequency",
+            "model.contacts.normal_factor",
+            "model.links.normal_factor",
+            "model.contact_law",
+            "packing.start",
+            "packing.size_ratio",
+        )
         return [(keys, message)]
 
     def _unresolved_records(self) -> list[tuple[tuple[str, ...], str]]:
@@ -333,7 +338,7 @@ class MicrogelPoint(Point):
             f"one record every {self.record.every} of {steps} steps per period: G′ and G″ are read "
             f"with nine harmonics and need 20 records a period: at most {max(1, steps // 20)}"
         )
-        return [(("record.every", "integrator.steps_per_period"), message)]
+        return [(("record.every", "integrator.steps_per_period", "shear.kind"), message)]
 
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation: packing, equilibration, links, equilibration."""

@@ -10,7 +10,7 @@ series is read again, and only runs that are new since the last call are looked 
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -18,13 +18,12 @@ import numpy as np
 
 from shear_sim import models
 from shear_sim.models.interface import Column
-from shear_sim.results import FORMAT, Results, ResultsError, read_job
+from shear_sim.results import FORMAT, Results, read_job
 from shear_sim.statistics import LEVEL, RESAMPLES, interval
-from shear_sim.tables import TableError, read_arrow, read_summary, write_arrow, write_whole
+from shear_sim.tables import read_arrow, read_summary, write_arrow, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.console import Console
 
 #: Joins the names of scenes (or blocks) where a point belongs to several.
 SEPARATOR = "; "
@@ -124,17 +123,17 @@ def aggregate(folder: Path | str, *, figures: bool = True) -> "dict[str, pd.Data
     results = Results.existing(Path(folder))
     plan, study = results.plan()
     planned, index = plan.to_pandas(), results.index().to_pandas()
-    point = models.model(study.get("model", models.DEFAULT_KIND)).POINT
-    parameters = [_describe(point, key) for key in study["varied"]]
+    points = [models.model(kind).POINT for kind in study["models"]]
+    parameters = [_describe(points, key) for key in study["varied"]]
     planned = _labelled(planned, _scene_order(results.study_file))
     orphans = int((~index["job"].isin(planned["job"])).sum())
     runs = runs_table(planned, index, parameters)
     tables = {"runs": runs}
     shear = _kinds_of_shear(planned, index)
+    failed = results.failures().keys()
     for kind, (name, quantities) in POINT_TABLES.items():
         of_kind = planned[shear == kind]
         if len(of_kind):
-            failed = results.failures().keys()
             tables[name] = points_table(of_kind, runs, parameters, quantities, failed=failed)
     results.tables.mkdir(exist_ok=True)
     for name, table in tables.items():
@@ -170,10 +169,15 @@ def _labelled(planned: "pd.DataFrame", scene_order: Sequence[str]) -> "pd.DataFr
 
 def _kinds_of_shear(planned: "pd.DataFrame", index: "pd.DataFrame") -> "pd.Series[str]":
     """Return the kind of shear of each job of the plan: a column of it, or the same for all."""
+    import pandas as pd
+
     if "shear.kind" in planned:
         return planned["shear.kind"]
-    known = index.loc[index["job"].isin(planned["job"]), "shear.kind"] if len(index) else ()
-    return planned["job"].map(lambda _: known.iloc[0] if len(known) else "oscillatory")
+    kind = "oscillatory"
+    if "shear.kind" in index:
+        known = index.loc[index["job"].isin(planned["job"]), "shear.kind"]
+        kind = known.iloc[0] if len(known) else kind
+    return pd.Series(kind, index=planned.index)
 
 
 def runs_table(
@@ -243,7 +247,7 @@ def points_table(
     parameters: Sequence[Column],
     quantities: Sequence[str],
     *,
-    failed: "Sequence[str] | set[str] | Any" = (),
+    failed: Collection[str] = (),
     level: float = LEVEL,
     resamples: int = RESAMPLES,
 ) -> "pd.DataFrame":
@@ -283,7 +287,8 @@ def points_table(
         for name in quantities:
             values = group[name].to_numpy(np.float64) if name in group else np.empty(0)
             finite = values[np.isfinite(values)]
-            found = interval(finite, level=level, resamples=resamples, rng=_generator(seed))
+            rng = np.random.default_rng(seed)
+            found = interval(finite, level=level, resamples=resamples, rng=rng)
             row |= {
                 f"{name}_mean": finite.mean() if found.n else math.nan,
                 f"{name}_median": np.median(finite) if found.n else math.nan,
@@ -309,10 +314,6 @@ def points_table(
     return _table(points.reset_index(drop=True).assign(**data), columns, [], parameters)
 
 
-def _generator(seed: int) -> np.random.Generator:
-    return np.random.default_rng(seed)
-
-
 def _statistics_of(quantity: Column) -> list[Column]:
     name, unit, text = quantity
     return [
@@ -326,9 +327,8 @@ def _statistics_of(quantity: Column) -> list[Column]:
     ]
 
 
-def _describe(section: Any, key: str) -> Column:
+def _describe(sections: Sequence[Any], key: str) -> Column:
     """Return a parameter as a column: unit (in brackets there) and words from its schema."""
-    sections = [section]
     for name in key.split("."):
         fields = [s.model_fields[name] for s in sections if name in s.model_fields]
         options = [o for f in fields for o in (f.annotation, *get_args(f.annotation))]
@@ -346,7 +346,10 @@ def _table(
     """Return the named columns, sorted by scene and parameters, and what they mean."""
     keys = ["scene", *[parameter.name for parameter in parameters], *sort]
     data = data.sort_values(keys, kind="stable", ignore_index=True)
-    data = data[[column.name for column in columns]].astype({"scene": "str"})
+    data = data[[column.name for column in columns]]
+    # A column of words that holds none yet would have no type, and another one tomorrow.
+    words = [name for name in data if data[name].dtype.kind == "O" and name not in _FLAG_NAMES]
+    data = data.astype(dict.fromkeys(words, "str"))
     data.attrs = {
         "units": {column.name: column.unit for column in columns},
         "descriptions": {column.name: column.description for column in columns},
@@ -409,7 +412,7 @@ def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str
     Of the scene that comes first, at the middle of the values of the figure's axis, the first
     finished replicate.
     """
-    from shear_sim.figures import AMPLITUDE
+    from shear_sim.variation import AMPLITUDE
 
     runs = tables["runs"]
     kept = runs[~runs["flagged"]]
@@ -420,10 +423,9 @@ def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str
         values = np.sort(kept[AMPLITUDE].dropna().unique())
         kept = kept[kept[AMPLITUDE] == values[len(values) // 2]]
     first = kept.iloc[0]
-    path = results.job_file(str(first["job"]))
-    series = read_job(path)
-    if missing := {"time", "strain", "shear_stress"} - series.columns.keys():
-        return None if missing else None
+    series = read_job(results.job_file(str(first["job"])))
+    if not {"time", "strain", "shear_stress"} <= series.columns.keys():
+        return None  # not recorded
     facts = [str(first["scene"])] + [
         f"{key.rpartition('.')[2].replace('_', ' ')} {first[key]:g}"
         for key in kept

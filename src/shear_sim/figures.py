@@ -17,16 +17,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shear_sim.variation import AMPLITUDE, FRICTION, Variation, by_scene, short_name, variation
+
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 DPI = 300
-AMPLITUDE, FRICTION = "shear.strain_amplitude", "model.friction"
 
 _WIDTH = 7.2  # inches: two columns of a journal
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -43,6 +45,7 @@ _STYLE = {
 _MARKERS = "osD^vPX<>ph*"
 # Okabe & Ito: told apart with any colour vision. For values without an order.
 _UNORDERED = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_WIDE = 8  # largest / smallest value from which an axis of a parameter is logarithmic
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
 _SYMBOLS = {
     AMPLITUDE: "strain amplitude $\\gamma_0$",
@@ -60,75 +63,6 @@ _SYMBOLS = {
     "shear_stress": "shear stress $\\tau$",
     "viscosity": "viscosity $\\eta$",
 }
-
-
-@dataclass(frozen=True)
-class Design:
-    """What a table of points varies, and how it is best drawn.
-
-    ``x`` is the parameter on the axis, ``colour`` the one told by colour, ``branches`` all others
-    that vary within a scene; None or empty where nothing is left. ``reference`` holds, for each
-    scene, the value of each parameter at which the others are varied: its most frequent one.
-    """
-
-    x: str | None
-    colour: str | None
-    branches: tuple[str, ...]
-    reference: dict[str, dict[str, Any]]
-
-
-def by_scene(points: "pd.DataFrame") -> "pd.DataFrame":
-    """Return ``points`` with a row for each scene of a point (it may belong to several)."""
-    return points.assign(scene=points["scene"].str.split("; ")).explode("scene", ignore_index=True)
-
-
-def design(points: "pd.DataFrame") -> Design:
-    """Find what ``points`` (a table with one row per point) varies."""
-    table = by_scene(points)
-    # A parameter that only tells the scenes apart is told by the panels already.
-    within = [
-        key
-        for key in table.columns
-        if "." in key and table.groupby("scene")[key].nunique(dropna=False).max() > 1
-    ]
-    free = _independent(table, within)
-    numeric = [key for key in free if table[key].dtype.kind in "if"]
-    x = AMPLITUDE if AMPLITUDE in numeric else next(iter(numeric), None)
-    others = [key for key in free if key != x]
-    crossed = [key for key in others if x is not None and _is_crossed(table, x, key)]
-    colour = FRICTION if FRICTION in crossed else next(iter(crossed), None)
-    reference = {
-        str(scene): {key: _most_frequent(part[key]) for key in free}
-        for scene, part in table.groupby("scene")
-    }
-    return Design(x, colour, tuple(key for key in others if key != colour), reference)
-
-
-def _independent(table: "pd.DataFrame", keys: Sequence[str]) -> list[str]:
-    """Leave out keys that follow from another one (a plateau's ends exist for one law only)."""
-
-    def follows(key: str, other: str) -> bool:
-        return bool(table.groupby(other, dropna=False)[key].nunique(dropna=False).max() == 1)
-
-    kept: list[str] = []
-    # Keys that every point has come first: of two that follow from one another they stay.
-    for key in sorted(keys, key=lambda key: bool(table[key].isna().any())):
-        # A key that never repeats (a random design) is followed by all others: by accident.
-        others = [other for other in kept if table[other].duplicated().any()]
-        if not any(follows(key, other) for other in others):
-            kept.append(key)
-    return [key for key in keys if key in kept]
-
-
-def _most_frequent(values: "pd.Series[Any]") -> Any:
-    counts = values.value_counts(dropna=False)
-    return sorted(counts[counts == counts.max()].index, key=str)[0]
-
-
-def _is_crossed(table: "pd.DataFrame", x: str, key: str) -> bool:
-    """Whether two values of ``key`` or more are seen over at least half the values of ``x``."""
-    seen = table.groupby(key, dropna=False)[x].nunique()
-    return bool((seen * 2 >= table[x].nunique()).sum() > 1)
 
 
 def draw(
@@ -155,7 +89,7 @@ def draw(
         points = tables[name]
         if not points["replicates"].any():
             continue
-        plan = design(points)
+        plan = variation(points)
         if plan.x is not None:
             figures[name] = curves(points, quantities)
         if plan.branches:
@@ -172,7 +106,7 @@ def draw(
 
 
 def curves(points: "pd.DataFrame", quantities: Sequence[str]) -> "Figure":
-    """Draw quantities against the design's x: a row for each, a column per scene.
+    """Draw quantities against the table's x: a row for each, a column per scene.
 
     Lines are means over replicates, bands their intervals. Only points at the reference of all
     branches are drawn; where the design has no such line (a random one), all points.
@@ -182,7 +116,7 @@ def curves(points: "pd.DataFrame", quantities: Sequence[str]) -> "Figure":
     ValueError
         If no parameter that is a number varies.
     """
-    plan = design(points)
+    plan = variation(points)
     x = plan.x
     if x is None:
         msg = "no numeric parameter varies in these points: there is nothing to draw against"
@@ -199,7 +133,7 @@ def curves(points: "pd.DataFrame", quantities: Sequence[str]) -> "Figure":
 def branches(points: "pd.DataFrame", quantities: Sequence[str]) -> "Figure":
     """Draw quantities against each parameter of the branches: a row each, a column per parameter.
 
-    All other parameters stand at their reference, but for the design's x (the strain amplitude),
+    All other parameters stand at their reference, but for the table's x (the strain amplitude),
     told by colour, and the scene, told by the style of the line. Only the scenes and amplitudes
     at which a parameter really varies are drawn; where there are none (a random design), all.
 
@@ -208,7 +142,7 @@ def branches(points: "pd.DataFrame", quantities: Sequence[str]) -> "Figure":
     ValueError
         If the design has no branches.
     """
-    plan = design(points)
+    plan = variation(points)
     if not plan.branches:
         msg = "no parameter varies beside the curves: there are no branches to draw"
         raise ValueError(msg)
@@ -224,11 +158,13 @@ def branches(points: "pd.DataFrame", quantities: Sequence[str]) -> "Figure":
     return _figure(points, quantities, panels, plan.x, joined=joined)
 
 
-def _at_reference(table: "pd.DataFrame", plan: Design, keys: Sequence[str]) -> "pd.DataFrame":
+def _at_reference(table: "pd.DataFrame", plan: Variation, keys: Sequence[str]) -> "pd.DataFrame":
     """Return the points whose ``keys`` have the reference values of their scene."""
     keep = np.ones(len(table), dtype=bool)
     for key in keys:
-        wanted = table["scene"].map({scene: values[key] for scene, values in plan.reference.items()})
+        wanted = table["scene"].map(
+            {scene: values[key] for scene, values in plan.reference.items()}
+        )
         keep &= ((table[key] == wanted) | (table[key].isna() & wanted.isna())).to_numpy(dtype=bool)
     return table[keep]
 
@@ -265,6 +201,7 @@ def _figure(
                 if quantity == quantities[-1]:
                     axis.set_xlabel(_label(points, x))
             across[0].set_ylabel(_label(points, quantity))
+        figure.align_ylabels()
         look.explain(figure, axes, points)
         notes = [_intervals_in_words(points, quantities)]
         if hidden:
@@ -282,7 +219,7 @@ class _Look:
     key: str | None
     colours: dict[Any, Any]  # empty: by the colour map of ``bar``
     bar: Any
-    styles: dict[str, str]
+    styles: dict[str, Any]
     joined: bool
 
     @classmethod
@@ -305,7 +242,7 @@ class _Look:
             # Up to 0.85: the yellow end is not seen on paper.
             shades = viridis(np.linspace(0.0, 0.85, len(values)))
             return cls(key, dict(zip(values, shades, strict=True)), None, styles, joined)
-        wide = values[0] > 0 and values[-1] / values[0] >= 20
+        wide = values[0] > 0 and values[-1] / values[0] >= _WIDE
         norm = LogNorm if wide else Normalize
         return cls(key, {}, ScalarMappable(norm(values[0], values[-1]), viridis), styles, joined)
 
@@ -329,7 +266,11 @@ class _Look:
         if handles:
             columns = min(len(handles), 6)
             figure.legend(
-                handles=handles, title=title, loc="outside lower center", ncols=columns, frameon=False
+                handles=handles,
+                title=title,
+                loc="outside lower center",
+                ncols=columns,
+                frameon=False,
             )
 
     def markers(self) -> str:
@@ -350,23 +291,29 @@ def _lines(
     hidden = 0
     for scene, of_scene in part.groupby("scene", sort=False):
         style = "-" if titled else look.styles[str(scene)]
-        groups = [(None, of_scene)] if look.key is None or not look.colours else [
-            (value, of_scene[of_scene[look.key] == value]) for value in look.colours
-        ]
-        for (value, line), marker in zip(groups, look.markers(), strict=False):
+        groups = (
+            [(None, of_scene)]
+            if look.key is None or not look.colours
+            else [(value, of_scene[of_scene[look.key] == value]) for value in look.colours]
+        )
+        for turn, ((value, line), marker) in enumerate(zip(groups, look.markers(), strict=False)):
             known = line[line[f"{quantity}_mean"].notna()]
+            aside = turn - (len(groups) - 1) / 2
             if place is None:
                 known = known.sort_values(x)
                 at = known[x].to_numpy(dtype=np.float64)
             else:
-                known = known.assign(_at=known[x].map(place)).sort_values("_at")
-                at = known["_at"].to_numpy(dtype=np.float64)
+                # Words have no order to join by a line: points side by side.
+                at = known[x].map(place).to_numpy(dtype=np.float64) + 0.5 * aside / len(groups)
             if not len(known):
                 continue
             colour = look.colours.get(value, _UNORDERED[0])
             if look.bar is not None and look.key is not None:
                 colour = look.bar.to_rgba(known[look.key].to_numpy(dtype=np.float64))
-            hidden += _line(axis, at, known, quantity, colour, marker, style, look, foot)
+            line_style = style if place is None else "none"
+            hidden += _line(
+                axis, at, known, quantity, colour, marker, line_style, look, foot, aside
+            )
     return hidden
 
 
@@ -380,8 +327,11 @@ def _line(
     style: str,
     look: _Look,
     foot: float | None,
+    aside: float,
 ) -> int:
     """Draw one line with its intervals; return how many means are marked at the foot."""
+    from matplotlib.transforms import ScaledTranslation
+
     mean, low, high = (
         line[f"{quantity}_{part}"].to_numpy(dtype=np.float64)
         for part in ("mean", "ci_low", "ci_high")
@@ -394,21 +344,30 @@ def _line(
         shown = mean if foot is None else np.where(mean > 0, mean, np.nan)
         axis.plot(at, shown, linestyle=style, marker=marker, color=colour)
         if foot is not None:
-            # A logarithmic axis has no room below its foot: the band is cut, not left out.
-            low, high = (np.where(end > foot, end, foot * 0.99) for end in (low, high))
-            low = np.where(np.isnan(mean), np.nan, low)
-        if len(at) > 2:
-            axis.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
-        else:
-            axis.vlines(at, low, high, color=colour, alpha=0.5, linewidth=2)
+            # A logarithmic axis has no room below its foot: the band is cut there, not left out.
+            low, high = (np.where(end <= foot, foot * 0.99, end) for end in (low, high))
+        known = np.isfinite(low)
+        beside = np.zeros(len(at) + 2, dtype=bool)
+        beside[1:-1] = known
+        alone = known & ~(beside[:-2] | beside[2:])
+        if style == "none":
+            alone = known
+        axis.fill_between(
+            at, low, high, where=(known & ~alone).tolist(), color=colour, alpha=0.2, linewidth=0
+        )
+        # A band needs two neighbours.
+        axis.vlines(at[alone], low[alone], high[alone], color=colour, alpha=0.4, linewidth=3)
     if foot is None:
         return 0
     below = mean <= 0
-    axis.plot(
-        at[below], np.full(below.sum(), foot), linestyle="none", marker="v", markersize=5,
-        markerfacecolor="white", color="k" if look.bar is not None else colour, clip_on=False,
-        zorder=5,
-    )  # fmt: skip
+    if (figure := axis.get_figure(root=True)) is not None and below.any():
+        # Beside one another: all lines have the same foot.
+        shift = ScaledTranslation(5 * aside / 72, 0, figure.dpi_scale_trans)
+        axis.plot(
+            at[below], np.full(below.sum(), foot), linestyle="none", marker="v", markersize=5,
+            markerfacecolor="white", color="k" if look.bar is not None else colour, clip_on=False,
+            zorder=5, transform=axis.transData + shift,
+        )  # fmt: skip
     return int(below.sum())
 
 
@@ -420,9 +379,10 @@ def _scale_x(axis: "Axes", values: "pd.Series[Any]") -> dict[Any, int] | None:
         axis.set_xlim(-0.5, len(names) - 0.5)
         return {name: place for place, name in enumerate(names)}
     positive = values[values > 0]
-    wide = len(positive) > 0 and positive.max() / positive.min() >= 20
+    wide = len(positive) > 0 and positive.max() / positive.min() >= _WIDE
     if wide and len(positive) == len(values):
         axis.set_xscale("log")
+        _log_ticks(axis.xaxis, float(values.min()), float(values.max()))
     elif wide and (values >= 0).all():
         axis.set_xscale("symlog", linthresh=float(positive.min()))
     return None
@@ -444,7 +404,20 @@ def _scale_y(axis: "Axes", shown: "pd.DataFrame", quantity: str) -> float | None
     foot, top = min(foot, least) / 1.3, max(top, most) * 1.3
     axis.set_yscale("log")
     axis.set_ylim(foot, top)
+    _log_ticks(axis.yaxis, foot, top)
     return foot
+
+
+def _log_ticks(axis: "Axis", low: float, high: float) -> None:
+    """Label each decade; over less than two decades 1, 2 and 5 of each, as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    if high / low < 100:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    else:
+        axis.set_major_locator(LogLocator(numticks=12))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def partial_note(points: "pd.DataFrame") -> str:
@@ -468,7 +441,7 @@ def _label(points: "pd.DataFrame", name: str) -> str:
     """Return the axis label of a column (a quantity's without ``_mean``), with its unit."""
     units = points.attrs.get("units", {})
     unit = units.get(name, units.get(f"{name}_mean", ""))
-    words = _SYMBOLS.get(name, _words(name.rpartition(".")[2]))
+    words = _SYMBOLS.get(name, short_name(name))
     return f"{words} [{unit}]" if unit and unit != "-" else words
 
 

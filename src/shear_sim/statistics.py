@@ -4,13 +4,10 @@ The unit of replication is the simulation, one packing with one seed. Records an
 are correlated: they are reduced to one number first, and only the runs are resampled.
 """
 
-import hashlib
-import json
 import math
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,16 +36,6 @@ class Interval:
     flag: str | None
 
 
-def seed_for(identity: Mapping[str, Any]) -> int:
-    """Return a seed (48 bits) that depends on ``identity`` (JSON-ready) alone.
-
-    The identity of a cell of the study, not its place in a table: a study that grows keeps the
-    intervals of its old points. It is stored beside the interval it made.
-    """
-    text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6])
-
-
 def interval(
     values: ArrayLike,
     *,
@@ -75,7 +62,8 @@ def interval(
     resamples : int
         Of the bootstrap.
     rng : numpy.random.Generator
-        Seeded by `seed_for`; not used below ten values.
+        Of the bootstrap; not used below ten values. Seeded by what the values are, not by their
+        place in a table, it gives them the same interval at every aggregation.
 
     Raises
     ------

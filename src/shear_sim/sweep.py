@@ -143,10 +143,9 @@ class Plan:
         facts = self.to_json()
         estimate = facts["estimate"]
         part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
-        lines = [
-            f"{self.study.name}{part}: {self.total} jobs: {facts['new']} new, {self.done} done, "
-            f"{len(self.again) + len(self.waiting)} failed, in {self.results.folder}"
-        ]
+        failed = len(self.again) + len(self.waiting)
+        counts = f"{facts['new']} new, {self.done} done, {failed} failed"
+        lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
         lines += _failure_lines(self.again, "runs again")
         lines += _failure_lines(self.waiting, "by physics, left alone")
         if self.waiting:

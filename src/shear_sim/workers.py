@@ -157,7 +157,8 @@ class Workers:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._server.pid, signal.SIGKILL)
         self._server.wait()
-        for channel in [self._link, self._socket, *self._channels.values()]:
+        self._socket.close()
+        for channel in (self._link, *self._channels.values()):
             channel.close()
 
 
@@ -172,7 +173,7 @@ def serve(descriptor: int) -> None:
     faulthandler.enable()  # a crash in compiled code leaves its Python traceback in the log
     try:
         _prepare(jobs, link)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the supervisor tells the user
+    except Exception as error:  # whatever it is, the supervisor tells the user
         link.send(Unprepared(f"{type(error).__name__}: {error}", traceback.format_exc()))
         return
     link.send(Ready())
@@ -243,7 +244,7 @@ def _told_when_compiling(link: Connection) -> Iterator[None]:
     """Tell the supervisor at the first function that is not in the cache."""
     from numba.core import event
 
-    class Teller(event.Listener):  # type: ignore[misc]
+    class Teller(event.Listener):
         told = False
 
         def on_start(self, event: Any) -> None:  # noqa: ARG002
@@ -282,7 +283,7 @@ def attempt(job: "Job", folder: Path) -> tuple[Failure | None, str | None]:
         if error.errno in STORAGE_ERRORS:
             return None, str(error)
         return _error(job, error), None
-    except Exception as error:  # noqa: BLE001 - one job's bug must not stop the others
+    except Exception as error:  # one job's bug must not stop the others
         return _error(job, error), None
     return None, None
 

@@ -309,6 +309,7 @@ class _Sweep:
         self.done = 0
         self.failed: dict[str, Failure] = {}
         self.ready = False
+        self.next_look = 0.0
         self.restarts = 0
         self.signal: int | None = None
         self.storage_full: str | None = None
@@ -330,17 +331,23 @@ class _Sweep:
                     give_up = time.monotonic() + grace
                 if time.monotonic() >= give_up or (self.signal is not None and not self.ready):
                     break
-                left = self.wall_s.total(self.remaining)
-                self.screen.update(
-                    self.done + len(self.failed),
-                    len(self.failed),
-                    len(self.plan.run),
-                    None if left is None else left / self.plan.workers,
-                )
+                if time.monotonic() >= self.next_look:
+                    self._show()
+            else:
+                self.workers.close()
         finally:
+            self._show()
             self.workers.kill()
             remove_partial(self.plan.results.jobs)
             self.screen.stop()
+
+    def _show(self) -> None:
+        self.next_look = time.monotonic() + TICK_SECONDS
+        left = self.wall_s.total(self.remaining)
+        if left is not None:
+            left /= self.plan.workers
+        ended, total = self.done + len(self.failed), len(self.plan.run)
+        self.screen.update(ended, len(self.failed), total, left)
 
     def _new_workers(self) -> Workers:
         return Workers(self.plan.run, self.plan.results.jobs, self.log)

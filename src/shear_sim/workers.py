@@ -40,6 +40,7 @@ SUPERVISED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 # Nothing can be written any more: not one job's failure but everybody's.
 STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
 TRACEBACK_LINES = 20
+CLOSE_SECONDS = 5.0  # for idle processes to end
 
 
 class Compiling(NamedTuple):
@@ -152,8 +153,20 @@ class Workers:
         except (EOFError, ConnectionResetError):
             channel.close()
 
+    def close(self) -> None:
+        """Let idle workers and the server end, so that their CPU time is counted as ours."""
+        for channel in self._channels.values():
+            channel.close()
+        with contextlib.suppress(OSError):  # the server has died already
+            self._socket.shutdown(socket.SHUT_WR)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._server.wait(CLOSE_SECONDS)
+        self.kill()
+
     def kill(self) -> None:
-        """End all workers and the server at once."""
+        """End all workers and the server at once, whatever they do."""
+        if self._socket.fileno() < 0:
+            return  # they have ended, and their process group may be somebody else's by now
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._server.pid, signal.SIGKILL)
         self._server.wait()
@@ -190,7 +203,7 @@ def serve(descriptor: int) -> None:
     while True:
         request, descriptors, _, _ = socket.recv_fds(control, 4, 1)
         if not request:
-            return
+            break
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])  # until the worker is known
         if (pid := os.fork()) == 0:
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
@@ -203,6 +216,10 @@ def serve(descriptor: int) -> None:
         workers[pid] = int.from_bytes(request, "big")
         os.close(descriptors[0])
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    with contextlib.suppress(ChildProcessError):
+        while True:
+            os.wait()
 
 
 def _die_with(parent: int) -> None:

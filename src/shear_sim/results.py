@@ -183,7 +183,6 @@ class Results:
         text = json.dumps(asdict(failure), indent=2, ensure_ascii=False)
         write_whole(self.failed / f"{failure.job}.json", f"{text}\n".encode())
 
-
     def forget_failure(self, job: str) -> None:
         """Remove the record of a failure: a later try has succeeded."""
         (self.failed / f"{job}.json").unlink(missing_ok=True)
@@ -191,8 +190,8 @@ class Results:
     def index(self) -> "pyarrow.Table":
         """Return one row per finished job: the numbers, words and flags of its summary.
 
-        Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in the study
-        file (``shear.strain_amplitude``), and the rest of the summary with dotted names
+        Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in
+        the study file (``shear.strain_amplitude``), and the rest of the summary with dotted names
         (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
         ``bytes`` is the size of that file. Rows are sorted by job id.
 

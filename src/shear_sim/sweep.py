@@ -143,10 +143,9 @@ class Plan:
         facts = self.to_json()
         estimate = facts["estimate"]
         part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
-        lines = [
-            f"{self.study.name}{part}: {self.total} jobs: {facts['new']} new, {self.done} done, "
-            f"{len(self.again) + len(self.waiting)} failed, in {self.results.folder}"
-        ]
+        failed = len(self.again) + len(self.waiting)
+        counts = f"{facts['new']} new, {self.done} done, {failed} failed"
+        lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
         lines += _failure_lines(self.again, "runs again")
         lines += _failure_lines(self.waiting, "by physics, left alone")
         if self.waiting:
@@ -310,6 +309,7 @@ class _Sweep:
         self.done = 0
         self.failed: dict[str, Failure] = {}
         self.ready = False
+        self.next_look = 0.0
         self.restarts = 0
         self.signal: int | None = None
         self.storage_full: str | None = None
@@ -331,17 +331,23 @@ class _Sweep:
                     give_up = time.monotonic() + grace
                 if time.monotonic() >= give_up or (self.signal is not None and not self.ready):
                     break
-                left = self.wall_s.total(self.remaining)
-                self.screen.update(
-                    self.done + len(self.failed),
-                    len(self.failed),
-                    len(self.plan.run),
-                    None if left is None else left / self.plan.workers,
-                )
+                if time.monotonic() >= self.next_look:
+                    self._show()
+            else:
+                self.workers.close()
         finally:
+            self._show()
             self.workers.kill()
             remove_partial(self.plan.results.jobs)
             self.screen.stop()
+
+    def _show(self) -> None:
+        self.next_look = time.monotonic() + TICK_SECONDS
+        left = self.wall_s.total(self.remaining)
+        if left is not None:
+            left /= self.plan.workers
+        ended, total = self.done + len(self.failed), len(self.plan.run)
+        self.screen.update(ended, len(self.failed), total, left)
 
     def _new_workers(self) -> Workers:
         return Workers(self.plan.run, self.plan.results.jobs, self.log)

@@ -40,6 +40,7 @@ SUPERVISED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 # Nothing can be written any more: not one job's failure but everybody's.
 STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
 TRACEBACK_LINES = 20
+CLOSE_SECONDS = 5.0  # for idle processes to end
 
 
 class Compiling(NamedTuple):
@@ -152,12 +153,25 @@ class Workers:
         except (EOFError, ConnectionResetError):
             channel.close()
 
+    def close(self) -> None:
+        """Let idle workers and the server end, so that their CPU time is counted as ours."""
+        for channel in self._channels.values():
+            channel.close()
+        with contextlib.suppress(OSError):  # the server has died already
+            self._socket.shutdown(socket.SHUT_WR)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._server.wait(CLOSE_SECONDS)
+        self.kill()
+
     def kill(self) -> None:
-        """End all workers and the server at once."""
+        """End all workers and the server at once, whatever they do."""
+        if self._socket.fileno() < 0:
+            return  # they have ended, and their process group may be somebody else's by now
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._server.pid, signal.SIGKILL)
         self._server.wait()
-        for channel in [self._link, self._socket, *self._channels.values()]:
+        self._socket.close()
+        for channel in (self._link, *self._channels.values()):
             channel.close()
 
 
@@ -172,7 +186,7 @@ def serve(descriptor: int) -> None:
     faulthandler.enable()  # a crash in compiled code leaves its Python traceback in the log
     try:
         _prepare(jobs, link)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the supervisor tells the user
+    except Exception as error:  # whatever it is, the supervisor tells the user
         link.send(Unprepared(f"{type(error).__name__}: {error}", traceback.format_exc()))
         return
     link.send(Ready())
@@ -189,7 +203,7 @@ def serve(descriptor: int) -> None:
     while True:
         request, descriptors, _, _ = socket.recv_fds(control, 4, 1)
         if not request:
-            return
+            break
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])  # until the worker is known
         if (pid := os.fork()) == 0:
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
@@ -202,6 +216,10 @@ def serve(descriptor: int) -> None:
         workers[pid] = int.from_bytes(request, "big")
         os.close(descriptors[0])
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    with contextlib.suppress(ChildProcessError):
+        while True:
+            os.wait()
 
 
 def _die_with(parent: int) -> None:
@@ -243,7 +261,7 @@ def _told_when_compiling(link: Connection) -> Iterator[None]:
     """Tell the supervisor at the first function that is not in the cache."""
     from numba.core import event
 
-    class Teller(event.Listener):  # type: ignore[misc]
+    class Teller(event.Listener):
         told = False
 
         def on_start(self, event: Any) -> None:  # noqa: ARG002
@@ -282,7 +300,7 @@ def attempt(job: "Job", folder: Path) -> tuple[Failure | None, str | None]:
         if error.errno in STORAGE_ERRORS:
             return None, str(error)
         return _error(job, error), None
-    except Exception as error:  # noqa: BLE001 - one job's bug must not stop the others
+    except Exception as error:  # one job's bug must not stop the others
         return _error(job, error), None
     return None, None
 

@@ -199,7 +199,7 @@ def runs_table(
     found = planned.merge(
         index.drop(columns=[c for c in planned.columns if c != "job" and c in index]), on="job"
     )
-    data = {}
+    data: dict[str, Any] = {}
     for tensor, suffix in _TENSORS.items():
         if f"moduli.{tensor}.storage" in found:
             storage, loss = (
@@ -374,7 +374,7 @@ def save(table: "pd.DataFrame", stem: Path) -> None:
         )
         for name, array in zip(table, arrays, strict=True)
     ]
-    about = {key: attrs[key] for key in attrs if key not in {"units", "descriptions"}}
+    about = {str(key): attrs[key] for key in attrs if key not in {"units", "descriptions"}}
     whole = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
     write_arrow(stem.with_suffix(".parquet"), whole, {"format": FORMAT, **about})
     names = {name: _with_unit(str(name), attrs["units"][name]) for name in table}
@@ -397,6 +397,7 @@ def load(path: Path) -> "pd.DataFrame":
     """
     table = read_arrow(path)
     frame: pd.DataFrame = table.to_pandas()
+    frame = frame.astype(dict.fromkeys([name for name in _FLAG_NAMES if name in frame], "boolean"))
     about = {key: value for key, value in read_summary(path).items() if key != "format"}
     metadata = {field.name: field.metadata or {} for field in table.schema}
     frame.attrs = about | {
@@ -409,13 +410,14 @@ def load(path: Path) -> "pd.DataFrame":
 def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str, Any] | None:
     """Return what `figures.example_run` draws: the run nearest to the middle of the study.
 
-    Of the scene that comes first, at the middle of the values of the figure's axis, the first
-    finished replicate.
+    Of the scene that comes first, at the middle of the amplitudes, the first finished replicate
+    that is not flagged (of all, where all are).
     """
     from shear_sim.variation import AMPLITUDE
 
     runs = tables["runs"]
     kept = runs[~runs["flagged"]]
+    kept = runs if kept.empty else kept
     if kept.empty:
         return None
     kept = kept[kept["scene"] == kept["scene"].iloc[0]]

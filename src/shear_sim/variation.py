@@ -1,4 +1,4 @@
-"""What a table of points varies: which parameter belongs on an axis, which in a panel of its own."""
+"""What a table of points varies: what belongs on an axis, what in a colour, what in panels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

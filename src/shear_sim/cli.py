@@ -1,6 +1,7 @@
 """The command line: parse, call one function, report. Heavy libraries load inside the commands."""
 
 import json
+import signal
 import sys
 import warnings
 from dataclasses import asdict
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from shear_sim.study import Study
     from shear_sim.sweep import Plan
 
-BAD_INPUT = 2  # exit code; the others are those of shear_sim.sweep
+BAD_INPUT, STOPPED = 2, 75  # exit codes; the others are those of shear_sim.sweep
 
 app = typer.Typer(
     name="shear-sim",
@@ -87,6 +88,8 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
+    for number in (signal.SIGTERM, signal.SIGUSR1):  # before the supervisor takes them over
+        signal.signal(number, _stop)
     planned = _plan(study, results, shard, jobs, limit, retry_failed)
     typer.echo(planned)
     if not dry_run:
@@ -214,6 +217,10 @@ def aggregate(
     aggregation.aggregate(Results.existing(results).folder, figures=figures)
 
 
+def _stop(*_: object) -> NoReturn:
+    raise typer.Exit(STOPPED)
+
+
 def _plan(
     study: Path,
     results: Path,
@@ -272,7 +279,7 @@ def main() -> NoReturn:
     """Run the command line; no traceback reaches a user who has not asked for it."""
     warnings.formatwarning = _plain_warning
     try:
-        app()
+        app(prog_name="shear-sim")
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:

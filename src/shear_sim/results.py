@@ -264,6 +264,9 @@ def _index_row(path: Path) -> dict[str, Any]:
         )
         raise TableError(msg)
     job = summary["job"]
+    if job["id"] != path.stem:
+        msg = f"{path}: the result of another job, {job['id']}"
+        raise TableError(msg)
     row = {"job": job["id"], "point": job["point"], "replicate": job["replicate"]}
     row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
     row["bytes"] = path.stat().st_size

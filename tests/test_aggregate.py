@@ -40,7 +40,7 @@ seed: 5
 OMEGA = 2 * np.pi * 0.025
 
 
-def make(folder, text=STUDY, keep=lambda job: True):
+def make(folder, text=STUDY, keep=lambda _: True):
     """Plan a study in ``folder`` and run the jobs that ``keep`` wants; return its results."""
     file = folder / "springs.yaml"
     file.write_text(text)
@@ -191,7 +191,7 @@ def test_a_partial_study_says_so_everywhere(tmp_path):
 
 
 def test_nothing_finished_yet(tmp_path):
-    results = make(tmp_path, keep=lambda job: False)
+    results = make(tmp_path, keep=lambda _: False)
     tables = aggregate(results.folder)
     assert len(tables["runs"]) == 0
     assert tables["moduli"]["replicates"].tolist() == [0] * 8

@@ -196,7 +196,7 @@ def _figure(
             for (title, part, x), axis in zip(panels, across, strict=True):
                 place = _scale_x(axis, part[x])
                 hidden += _lines(axis, part, x, quantity, look, place, foot)
-                if quantity == quantities[0] and title:
+                if quantity == quantities[0] and title and columns > 1:
                     axis.set_title(_words(title))
                 if quantity == quantities[-1]:
                     axis.set_xlabel(_label(points, x))
@@ -251,7 +251,10 @@ class _Look:
         from matplotlib.lines import Line2D
 
         if self.bar is not None:
-            figure.colorbar(self.bar, ax=axes, label=_label(points, str(self.key)))
+            bar = figure.colorbar(self.bar, ax=axes, label=_label(points, str(self.key)))
+            low, high = self.bar.get_clim()
+            if low > 0 and high / low >= _WIDE:
+                _log_ticks(bar.ax.yaxis, low, high)
         handles = [
             Line2D([], [], color=colour, marker=marker, label=_value(value))
             for (value, colour), marker in zip(self.colours.items(), self.markers(), strict=False)
@@ -336,16 +339,17 @@ def _line(
         line[f"{quantity}_{part}"].to_numpy(dtype=np.float64)
         for part in ("mean", "ci_low", "ci_high")
     )
+    if foot is not None:
+        # A logarithmic axis has no room below its foot: intervals are cut there, not left out.
+        low, high = (np.where(end <= foot, foot * 0.99, end) for end in (low, high))
     if not look.joined:
         seen = np.ones(len(mean), dtype=bool) if foot is None else mean > 0
         colours = colour if look.bar is None else colour[seen]
         axis.scatter(at[seen], mean[seen], c=colours, s=12, marker=marker, linewidths=0)
+        axis.vlines(at, low, high, color=colour, alpha=0.4, linewidth=1)
     else:
         shown = mean if foot is None else np.where(mean > 0, mean, np.nan)
         axis.plot(at, shown, linestyle=style, marker=marker, color=colour)
-        if foot is not None:
-            # A logarithmic axis has no room below its foot: the band is cut there, not left out.
-            low, high = (np.where(end <= foot, foot * 0.99, end) for end in (low, high))
         known = np.isfinite(low)
         beside = np.zeros(len(at) + 2, dtype=bool)
         beside[1:-1] = known
@@ -380,6 +384,7 @@ def _scale_x(axis: "Axes", values: "pd.Series[Any]") -> dict[Any, int] | None:
         return {name: place for place, name in enumerate(names)}
     positive = values[values > 0]
     wide = len(positive) > 0 and positive.max() / positive.min() >= _WIDE
+    wide = wide or values.name == AMPLITUDE
     if wide and len(positive) == len(values):
         axis.set_xscale("log")
         _log_ticks(axis.xaxis, float(values.min()), float(values.max()))

@@ -175,7 +175,7 @@ class Results:
         found = {}
         for job, path in sorted(paths.items()):
             if job not in finished:  # otherwise a later try has succeeded
-                found[job] = _read_failure(path)
+                found[job] = read_failure(path)
         return found
 
     def record_failure(self, failure: Failure) -> None:
@@ -246,7 +246,8 @@ def _listing(folder: Path, suffix: str) -> Iterator[Path]:
         yield from (path for path in folder.iterdir() if path.suffix == suffix)
 
 
-def _read_failure(path: Path) -> Failure:
+def read_failure(path: Path) -> Failure:
+    """Read one file of ``failed/``; a damaged one is an error, so that its job runs again."""
     try:
         record = json.loads(path.read_bytes())
         return Failure(**{**record, "traceback": tuple(record["traceback"])})
@@ -264,6 +265,9 @@ def _index_row(path: Path) -> dict[str, Any]:
         )
         raise TableError(msg)
     job = summary["job"]
+    if job["id"] != path.stem:
+        msg = f"{path}: the result of another job, {job['id']}"
+        raise TableError(msg)
     row = {"job": job["id"], "point": job["point"], "replicate": job["replicate"]}
     row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
     row["bytes"] = path.stat().st_size
@@ -272,13 +276,13 @@ def _index_row(path: Path) -> dict[str, Any]:
     return row | flatten(dict(sorted(rest.items())))
 
 
-def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the leaves of nested mappings under dotted keys; lists are left out."""
+def flatten(tree: Mapping[str, Any], prefix: str = "", *, lists: bool = False) -> dict[str, Any]:
+    """Return the leaves of nested mappings under dotted keys; lists only if asked for."""
     leaves: dict[str, Any] = {}
     for key, value in tree.items():
         if isinstance(value, Mapping):
-            leaves |= flatten(value, f"{prefix}{key}.")
-        elif not isinstance(value, list | tuple):
+            leaves |= flatten(value, f"{prefix}{key}.", lists=lists)
+        elif lists or not isinstance(value, list | tuple):
             leaves[f"{prefix}{key}"] = value
     return leaves
 

@@ -47,9 +47,10 @@ def _grid(points: "pd.DataFrame", name: str, *, plain: bool) -> Any:
     table = by_scene(points)
     quantities = _SHOWN[name]
     axes = [key for key in (plan.colour, plan.x) if key is not None]
-    headings = ["scene", *[short_name(key) for key in axes], "runs"]
+    scenes = ["scene"] if table["scene"].nunique() > 1 else []
+    headings = [*scenes, *[short_name(key) for key in axes], "runs"]
     if plan.branches:
-        headings.insert(1, "with")
+        headings.insert(len(scenes), "with")
     headings += [
         f"{symbol} [{points.attrs['units'][f'{q}_mean']}]" for q, symbol in quantities.items()
     ]
@@ -63,7 +64,7 @@ def _grid(points: "pd.DataFrame", name: str, *, plain: bool) -> Any:
     )
     for heading in headings:
         text = heading in {"scene", "with"}
-        grid.add_column(heading, justify="left" if text else "right", no_wrap=True)
+        grid.add_column(heading, justify="left" if text else "right", no_wrap=not text)
     table["_with"] = [_difference(row, plan) for _, row in table.iterrows()]
     curve = ["scene", "_with", *([plan.colour] if plan.colour else [])]
     curves = [lines for _, lines in table.groupby(curve, sort=False, dropna=False)]
@@ -74,7 +75,7 @@ def _grid(points: "pd.DataFrame", name: str, *, plain: bool) -> Any:
         if len(table) > MOST_ROWS and len(shown) > 2:
             shown = shown.iloc[[0, -1]]
         for _, row in shown.iterrows():
-            cells = [str(row["scene"]), *([str(row["_with"])] if plan.branches else [])]
+            cells = [str(row[key]) for key in [*scenes, *(["_with"] if plan.branches else [])]]
             cells += [_value(row[key]) for key in axes]
             cells.append(f"{row['replicates']} of {row['planned']}")
             grid.add_row(*cells, *[_estimate(row, quantity) for quantity in quantities])
@@ -99,7 +100,7 @@ def _rank(row: Any, plan: Variation) -> tuple[Any, ...]:
 def _value(value: Any) -> str:
     if value is None or value != value:  # nan
         return "-"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _estimate(row: Any, quantity: str) -> str:

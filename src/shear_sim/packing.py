@@ -5,30 +5,34 @@ A start is geometry only: positions, radii and cell. Bringing it to rest is each
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from shear_sim.schema import Positive, Section
+from shear_sim.schema import MICROMETRES, PERCENT, Impossible, Positive, Section
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
+
+MAX_DISCS = 100_000
 
 
 class Cell(Section):
     """The simulated cell and what happens at its edges."""
 
-    width: Annotated[float, Field(gt=0, description="L_x [m]")] = 500e-6
+    width: Annotated[float, Field(ge=1e-12, le=100, description="L_x [m]"), MICROMETRES] = 500e-6
     height: Annotated[
-        float | None, Field(gt=0, description="L_y [m]; default: the width (hexagonal: derived)")
+        float | None,
+        Field(ge=1e-12, le=100, description="L_y [m]; default: the width (hexagonal: derived)"),
+        MICROMETRES,
     ] = None
     boundary: Annotated[
         Literal["lees_edwards", "plates", "open"],
         Field(
             description="lees_edwards: sheared periodic cell. plates: discs that touch top or "
-            "bottom when the shear starts are glued to rigid rough plates. open: no images."
+            "bottom when the shear starts are glued to rigid rough plates. open: no images at all."
         ),
     ] = "lees_edwards"
 
@@ -54,9 +58,11 @@ class Packing(Section):
         Literal["random", "hexagonal", "file"],
         Field(description="uniform random positions, a hexagonal crystal, or a start file"),
     ] = "random"
-    discs: Annotated[int, Field(ge=1, description="N; ⌈N/2⌉ are large")] = 150
+    discs: Annotated[int, Field(ge=1, le=MAX_DISCS, description="N; ⌈N/2⌉ are large")] = 150
     packing_fraction: Annotated[
-        float, Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent")
+        float,
+        Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent"),
+        PERCENT,
     ] = 1.5
     size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
     density: Annotated[float, Field(gt=0, description="ρ of a disc [kg/m³]")] = 1000.0
@@ -66,12 +72,58 @@ class Packing(Section):
     ] = None
     file: Annotated[
         Path | None,
-        Field(description="start: file. Table (.csv, .parquet) or state (.npz), beside the study"),
+        Field(
+            strict=False,
+            description="start: file. Table (.csv, .parquet) or state (.npz), beside the study",
+        ),
     ] = None
     file_digest: Annotated[
         str | None, Field(description="SHA-256 of the start file; filled in when the study is read")
     ] = None
     equilibration: Equilibration = Equilibration()
+
+    @model_validator(mode="after")
+    def _agree_with_the_start(self) -> Self:
+        problems = []
+        if self.start == "hexagonal":
+            if self.size_ratio != 1:
+                problems.append(
+                    (
+                        ("size_ratio", "start"),
+                        "a hexagonal crystal has discs of one size: write packing.size_ratio: 1",
+                    )
+                )
+            if self.columns is None:
+                problems.append(
+                    (("columns", "start"), "start: hexagonal needs packing.columns, discs per row")
+                )
+            elif self.discs % self.columns:
+                full = self.columns * (self.discs // self.columns + 1)
+                message = f"{self.discs} discs do not fill rows of {self.columns}: "
+                problems.append((("columns", "discs"), f"{message}packing.discs: {full}?"))
+        elif self.columns is not None:
+            problems.append(
+                (
+                    ("columns", "start"),
+                    f"only a hexagonal start has columns, not start: {self.start}",
+                )
+            )
+        if self.start == "file":
+            if self.file is None and self.file_digest is None:
+                problems.append((("file", "start"), "start: file needs packing.file"))
+            fields = type(self).model_fields
+            problems.extend(
+                ((name, "start"), f"start: file takes {name} from the file: leave {name} out")
+                for name in ("discs", "packing_fraction", "size_ratio")
+                if getattr(self, name) != fields[name].default
+            )
+        elif self.file is not None or self.file_digest is not None:
+            problems.append(
+                (("file", "start"), f"is read with start: file only, not start: {self.start}")
+            )
+        if problems:
+            raise Impossible(problems)
+        return self
 
 
 class Start(NamedTuple):
@@ -97,6 +149,52 @@ def radii(packing: Packing, area: float) -> FloatArray:
     relative = np.ones(packing.discs)
     relative[:large] = packing.size_ratio
     return relative * math.sqrt(packing.packing_fraction * area / (math.pi * (relative**2).sum()))
+
+
+def check_cell(cell: Cell, packing: Packing) -> None:
+    """Refuse a cell whose images do not fit the discs.
+
+    Raises
+    ------
+    Impossible
+        If the shorter side is under four large radii (a disc could touch a neighbour and one of
+        its images at once), or a crystal has an odd number of rows or another height than
+        theirs. A start file is checked when it is read.
+    """
+    if cell.boundary == "open" or packing.start == "file":
+        return
+    if packing.start == "hexagonal" and cell.height is not None:
+        message = "leave cell.height out: a hexagonal start has the height of its rows"
+        raise Impossible([(("cell.height", "packing.start"), message)])
+    if packing.columns is not None and (rows := packing.discs // packing.columns) % 2:
+        message = (
+            f"{packing.discs} discs make {rows} rows; every second row is shifted, so the images "
+            f"fit an even number only: packing.discs: {packing.discs + packing.columns}?"
+        )
+        raise Impossible([(("packing.columns", "packing.discs", "packing.start"), message)])
+    height = cell_height(packing, cell)
+    side = min(cell.width, height)
+    area = cell.width * height
+    large = float(radii(packing, area)[0])
+    if side >= 4 * large:
+        return
+    # R_large² is proportional to φ and, but for the odd disc, to 1/N.
+    excess = (4 * large / side) ** 2
+    fraction = math.floor(1000 * packing.packing_fraction / excess) / 1000
+    advice = f"packing.packing_fraction at most {fraction:g}"
+    discs = math.ceil(packing.discs * excess)
+    if packing.start == "random" and discs < MAX_DISCS:
+        while radii(packing.model_copy(update={"discs": discs}), area)[0] > side / 4:
+            discs += 1
+        advice = f"packing.discs at least {discs}, or {advice}"
+    name = "width" if cell.width <= height else "height"
+    message = (
+        f"the shorter side of the cell (its {name}, {side:.4g} m) is under four large radii "
+        f"({4 * large:.4g} m), so two discs could touch twice: {advice}, or a less narrow cell"
+    )
+    keys = ("discs", "packing_fraction", "size_ratio", "columns", "start")
+    sides = (f"cell.{name}", "cell.width", "cell.height", "cell.boundary")
+    raise Impossible([((*(f"packing.{key}" for key in keys), *sides), message)])
 
 
 def start_discs(packing: Packing, cell: Cell, streams: Streams) -> Start:

@@ -4,18 +4,20 @@ A protocol is a rest, a shear and a rest, counted in periods T = τ / relative_f
 Time starts at 0 with the first rest.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from shear_sim.schema import NonNegative, Positive, Section
+from shear_sim.schema import PERCENT, Impossible, NonNegative, Positive, Section, default_kind
 
 
 class OscillatoryShear(Section):
     """Oscillatory shear γ(t) = A sin(2π (t − t₀) / T) between two rests (Table S2-1)."""
 
     kind: Literal["oscillatory"] = "oscillatory"
-    strain_amplitude: Annotated[float, Field(gt=0, description="A [-], not in percent")] = 0.2
+    strain_amplitude: Annotated[
+        float, Field(gt=0, le=5, description="A [-], not in percent"), PERCENT
+    ] = 0.2
     relative_frequency: Annotated[float, Field(gt=0, description="f τ [-]; T = τ / (f τ)")] = 0.025
     pre_periods: Annotated[NonNegative, Field(description="rest before, in periods T")] = 2
     periods: Annotated[Positive, Field(description="shear, in periods T")] = 3
@@ -34,10 +36,18 @@ class SteadyShear(Section):
     pre_periods: Annotated[NonNegative, Field(description="rest before, in T")] = 2
     post_periods: Annotated[NonNegative, Field(description="rest after, in T")] = 1
 
+    @model_validator(mode="after")
+    def _move(self) -> Self:
+        if self.relative_rate == 0:
+            raise Impossible([(("relative_rate",), "must not be 0: the strain is never reached")])
+        return self
+
     @property
     def periods(self) -> float:
         """Duration of the shear in units of T."""
         return self.strain / abs(self.relative_rate) * self.relative_frequency
 
 
-Shear = Annotated[OscillatoryShear | SteadyShear, Field(discriminator="kind")]
+Shear = Annotated[
+    OscillatoryShear | SteadyShear, Field(discriminator="kind"), default_kind("oscillatory")
+]

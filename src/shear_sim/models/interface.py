@@ -53,6 +53,11 @@ class Point(Section):
     Each model has its own subclass, whose fields are the sections of its study files.
     """
 
+    @property
+    def kind(self) -> str:
+        """Name of the model, ``model.kind`` of the study file."""
+        raise NotImplementedError(type(self).__name__)
+
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation (packing, equilibration) and return it."""
         raise NotImplementedError(type(self).__name__)

@@ -159,30 +159,26 @@ def renew_pairs(
 
 
 @jit
-def list_is_safe(discs: Discs, work: Work, constants: Constants, strain: float) -> bool:
-    """Tell whether no pair can touch that is not in the list.
+def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> float:
+    """Return by how much two discs may have approached since the pair list was made [m].
 
     What counts is the displacement relative to the affine flow, and the flow across one contact.
+    The list holds all touching pairs while this is at most the skin. Not a number, or more than
+    1000 cells, says that the motion has exploded.
     """
     change = strain - work.strain0[0]
     farthest = 0.0
+    total = 0.0
     for a in range(discs.x.shape[0]):
         y = discs.y[a]
         dx = discs.x[a] - work.x0[a] - change * (y - 0.5 * constants.height)
         dy = y - work.y0[a]
-        farthest = max(farthest, dx * dx + dy * dy)
-    flow = abs(change) * 2.0 * discs.radius.max()
-    return bool(2.0 * np.sqrt(farthest) + flow <= constants.skin)
-
-
-@jit
-def all_near(discs: Discs, constants: Constants) -> bool:
-    """Tell whether all positions are finite, and image numbers of an integer's size."""
-    limit = 1e6 * (constants.width + constants.height)
-    near = True
-    for a in range(discs.x.shape[0]):
-        near = near and abs(discs.x[a]) + abs(discs.y[a]) < limit
-    return near
+        r2 = dx * dx + dy * dy
+        farthest = max(farthest, r2)
+        total += r2  # max() may lose a NaN
+    if not total < (1000.0 * constants.width) ** 2:
+        return np.nan
+    return 2.0 * np.sqrt(farthest) + abs(change) * 2.0 * discs.radius.max()
 
 
 @jit

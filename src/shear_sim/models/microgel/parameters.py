@@ -1,18 +1,28 @@
 """The sections of a microgel study: every physical parameter, its unit and its limits."""
 
+import ast
+import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point, Simulation
-from shear_sim.packing import Cell, Packing
+from shear_sim.packing import Cell, Packing, check_cell
 from shear_sim.protocol import OscillatoryShear, Shear
-from shear_sim.schema import Fraction, NonNegative, Positive, Section
+from shear_sim.schema import (
+    PERCENT,
+    Fraction,
+    Impossible,
+    NonNegative,
+    Positive,
+    Section,
+    default_kind,
+)
 from shear_sim.streams import Streams
 
 Repulsion = Annotated[
-    float, Field(ge=0, le=1, description="weight of the divergent part: 0 is linear, 1 is S1-5b")
+    Fraction, Field(description="weight of the divergent part: 0 is linear, 1 is S1-5b")
 ]
 
 
@@ -38,6 +48,13 @@ class PlateauLaw(Section):
     slope: Annotated[float, Field(ge=0, le=1, description="slope relative to the linear law")] = 0.1
     repulsion: Repulsion = 1.0
 
+    @model_validator(mode="after")
+    def _begin_before_the_end(self) -> Self:
+        if self.begin > self.end:
+            message = f"begin {self.begin:g} is above end {self.end:g}: distances d/D, begin <= end"
+            raise Impossible([(("begin", "end"), message)])
+        return self
+
 
 class HertzLaw(Section):
     """F = 1.1 E R^(−1/2) Δx^(3/2), R = (r_i + r_j)/2, eq. S1-13."""
@@ -53,16 +70,71 @@ class CustomLaw(Section):
     """
 
     kind: Literal["custom"]
-    file: Annotated[Path | None, Field(description="Python file beside the study file")] = None
+    file: Annotated[
+        Path | None, Field(strict=False, description="Python file beside the study file")
+    ] = None
     source: Annotated[
         str | None, Field(description="its text; filled in when the study is read")
     ] = None
     repulsion: Repulsion = 1.0
 
+    @model_validator(mode="after")
+    def _define_contact_force(self) -> Self:
+        if self.file is None and self.source is None:
+            raise Impossible([(("file", "kind"), "kind: custom needs file: the law's Python file")])
+        if self.source is not None and (fault := fault_of_law(self.source)):
+            raise Impossible([(("file", "source"), fault)])
+        return self
+
+
+def fault_of_law(source: str) -> str | None:
+    """Return what is wrong with the text of a user's contact law, without running it."""
+    signature = "contact_force(distance, contact_distance, stiffness, repulsion)"
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        at = f"line {line}" if line else "the file"
+        return f"{at} is not Python ({getattr(error, 'msg', None) or error})"
+    for statement in tree.body:
+        if isinstance(statement, ast.FunctionDef) and statement.name == "contact_force":
+            arguments = statement.args
+            if (
+                len(arguments.posonlyargs) + len(arguments.args) == 4
+                and not arguments.kwonlyargs
+                and arguments.vararg is None
+                and arguments.kwarg is None
+            ):
+                return None
+            return f"line {statement.lineno}: must be `def {signature}`, four arguments"
+    return f"must define `def {signature}` at its top level"
+
 
 ContactLaw = Annotated[
-    LinearLaw | DivergentLaw | PlateauLaw | HertzLaw | CustomLaw, Field(discriminator="kind")
+    LinearLaw | DivergentLaw | PlateauLaw | HertzLaw | CustomLaw,
+    Field(discriminator="kind"),
+    default_kind("divergent"),
 ]
+
+# What a way of cutting leaves without effect. Such options must keep their defaults, so that two
+# jobs of the same physics have the same id.
+_WITHOUT_EFFECT: dict[str, tuple[str, ...]] = {
+    "cells": ("avoid_angle",),
+    "lines": ("edge_fuzziness",),
+    "bulk": ("cuts", "edge_fuzziness", "avoid_angle", "avoid_height_spanning"),
+    "none": (
+        "cuts",
+        "edge_fuzziness",
+        "avoid_angle",
+        "cut_top_bottom",
+        "avoid_height_spanning",
+        "remove_fraction",
+        "join_isolated",
+        "normal_factor",
+        "tangential_factor",
+        "stretched_tangential_dashpot",
+    ),
+}
 
 
 class Links(Section):
@@ -75,7 +147,7 @@ class Links(Section):
             "(no links: loose discs), file (the links of the start file)"
         ),
     ] = "cells"
-    cuts: Annotated[int, Field(ge=0, description="number of random points or of lines")] = 5
+    cuts: Annotated[int, Field(ge=1, description="number of random points or of lines")] = 5
     edge_fuzziness: Annotated[
         NonNegative, Field(description="cells: noise on the distances, in large radii")
     ] = 0.0
@@ -101,6 +173,19 @@ class Links(Section):
         bool, Field(description="tangential dashpot of links longer than r_i + r_j")
     ] = True
 
+    @model_validator(mode="after")
+    def _have_an_effect(self) -> Self:
+        fields = type(self).model_fields
+        without = f"has no effect with cut: {self.cut}: set it only in the scenes that need it"
+        problems = [
+            ((name, "cut"), f"{name}: {getattr(self, name)} {without}")
+            for name in _WITHOUT_EFFECT[self.cut]
+            if getattr(self, name) != fields[name].default
+        ]
+        if problems:
+            raise Impossible(problems)
+        return self
+
 
 class Contacts(Section):
     """Reinforcement of the transient contacts against the links."""
@@ -113,7 +198,9 @@ class Damping(Section):
     """Drag of the suspending fluid, relative to the affine flow."""
 
     decay: Annotated[
-        float, Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none")
+        float,
+        Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none"),
+        PERCENT,
     ] = 0.5
     spin: Annotated[
         Literal["flow", "zero", "none"],
@@ -183,7 +270,8 @@ class Record(Section):
     every: Annotated[int, Field(ge=1, description="steps between records")] = 1
     energy: Annotated[bool, Field(description="also the energy balance, at some cost")] = False
     columns: Annotated[
-        tuple[str, ...] | None, Field(description="stored columns by name; default: all")
+        tuple[str, ...] | None,
+        Field(strict=False, description="stored columns by name; default: all"),
     ] = None
 
 
@@ -196,6 +284,36 @@ class MicrogelPoint(Point):
     shear: Shear = OscillatoryShear()
     integrator: Integrator = Integrator()
     record: Record = Record()
+
+    @property
+    def kind(self) -> str:
+        """Name of the model."""
+        return self.model.kind
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        check_cell(self.cell, self.packing)
+        if problems := self._unresolved_records():
+            raise Impossible(problems)
+        return self
+
+    @property
+    def steps_per_period(self) -> int:
+        """Whole steps per period T: as given, else 0.2 τ each and at least 100."""
+        given = self.integrator.steps_per_period
+        return given or max(100, math.ceil(5 / self.shear.relative_frequency))
+
+    def _unresolved_records(self) -> list[tuple[tuple[str, ...], str]]:
+        """Return the complaint on records too rare for the nine harmonics of the moduli."""
+        steps = self.steps_per_period
+        if self.shear.kind != "oscillatory" or steps >= 20 * self.record.every:
+            return []
+        message = (
+            f"one record every {self.record.every} of {steps} steps per period: G′ and G″ are read "
+            f"with nine harmonics and need 20 records a period: at most {max(1, steps // 20)}"
+        )
+        keys = ("integrator.steps_per_period", "shear.relative_frequency", "shear.kind")
+        return [(("record.every", *keys), message)]
 
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation: packing, equilibration, links, equilibration."""

@@ -1,0 +1,250 @@
+"""Validation errors in the words of the study file: key path, value, and what would be right."""
+
+import difflib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from shear_sim.document import Key, dotted, round12
+from shear_sim.schema import Impossible, UnitMistake
+
+
+@dataclass(frozen=True)
+class Complaint:
+    """What a section says about one value (or, by a cross-check, about several)."""
+
+    keys: tuple[Key, ...]  # the message stands alone: any of them may be shown
+    message: str
+
+
+def complaints(
+    error: ValidationError, model: type[BaseModel], top_level: tuple[str, ...] = ()
+) -> Iterator[Complaint]:
+    """Yield what is wrong, by key path of the file, with what would be right.
+
+    Parameters
+    ----------
+    error : ValidationError
+        From validating ``model``.
+    model : type
+        The section at the top.
+    top_level : tuple of str
+        Keys that the file may also have at its top, which ``model`` does not know.
+    """
+    for entry in error.errors(include_url=False):
+        context = entry.get("ctx", {})
+        place = _locate(model, entry["loc"])
+        cause = context.get("error")
+        if isinstance(cause, Impossible):
+            for keys, message in cause.problems:
+                paths = tuple((*place.key, *key.split(".")) for key in keys)
+                yield Complaint(paths, message)
+        elif entry["type"] == "extra_forbidden":
+            known = tuple(_fields(place.parent)) if place.parent else ()
+            if place.parent is model:
+                known += top_level
+            yield Complaint((place.key,), _unknown(place.key, known, model, top_level))
+        elif entry["type"] == "missing":
+            # The section may stand nowhere in the file but through its kind.
+            kind = (*place.key[:-1], "kind")
+            message = f"{place.key[-1]} is required{_meaning(place.info)}"
+            yield Complaint((place.key, kind), message)
+        elif entry["type"] == "union_tag_invalid":
+            known = tuple(re.findall(r"'([^']*)'", context["expected_tags"]))
+            message = one_of(entry["input"]["kind"], known)
+            yield Complaint(((*place.key, "kind"),), message)
+        else:
+            yield Complaint((place.key,), _wrong(entry, place.info))
+
+
+def all_complaints(
+    error: ValidationError,
+    model: type[BaseModel],
+    data: dict[str, Any],
+    top_level: tuple[str, ...] = (),
+) -> list[Complaint]:
+    """Return all complaints, also those that hide behind others.
+
+    A section is checked as a whole only if each of its values is right. So the values complained
+    of are taken out, which gives them their defaults, and the rest is checked again; complaints
+    that touch them say nothing then.
+    """
+    found: list[Complaint] = []
+    removed: set[Key] = set()
+    while True:
+        new = [
+            complaint
+            for complaint in complaints(error, model, top_level)
+            if not any(key[:n] in removed for key in complaint.keys for n in range(len(key) + 1))
+        ]
+        if not new:
+            return found
+        found += new
+        for complaint in new:
+            for key in complaint.keys:
+                # Without its kind, a section's other keys mean nothing.
+                removed.add(key[:-1] if key[1:] and key[-1] == "kind" else key)
+        for key in removed:
+            data = _without(data, key)
+        try:
+            model.model_validate(data)
+        except ValidationError as next_error:
+            error = next_error
+        else:
+            return found
+
+
+def _without(data: dict[str, Any], key: Key) -> dict[str, Any]:
+    if not key:
+        return {}
+    first, *rest = key
+    if not isinstance(data, dict) or first not in data:
+        return data
+    if not rest:
+        return {name: value for name, value in data.items() if name != first}
+    return {**data, first: _without(data[first], tuple(rest))}
+
+
+@dataclass(frozen=True)
+class _Place:
+    key: Key
+    info: FieldInfo | None  # of the last part
+    parent: type[BaseModel] | None  # section that holds the last part
+
+
+def _fields(section: type[BaseModel]) -> dict[str, FieldInfo]:
+    return {info.alias or name: info for name, info in section.model_fields.items()}
+
+
+def sections_of(annotation: Any) -> list[type[BaseModel]]:
+    """Return the sections named anywhere in a type."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [section for part in get_args(annotation) for section in sections_of(part)]
+
+
+def _kind(section: type[BaseModel]) -> str | None:
+    """Return the tag of a member of a union of sections."""
+    if "kind" not in section.model_fields:
+        return None
+    tag: str = get_args(section.model_fields["kind"].annotation)[0]
+    return tag
+
+
+def _locate(model: type[BaseModel], loc: Key) -> _Place:
+    """Return the place of pydantic's ``loc``, which names union members too, in the file."""
+    key: Key = ()
+    section: type[BaseModel] | None = model
+    parent = info = None
+    members: dict[str | int, type[BaseModel]] = {}
+    mapping = False  # the next part is a free name, as in {name: section}
+    for part in loc:
+        if part == "[key]":
+            continue  # pydantic's mark for a fault of the key itself
+        if part in members:
+            section, members = members[part], {}
+            continue
+        key = (*key, part)
+        if isinstance(part, int) or mapping:
+            mapping = False
+            continue
+        parent = section
+        info = _fields(section).get(part) if section else None
+        options = sections_of(info.annotation) if info else []
+        mapping = info is not None and get_origin(info.annotation) is dict
+        section = options[0] if len(options) == 1 else None
+        members = {kind: option for option in options if (kind := _kind(option)) is not None}
+        if len(options) == 1:
+            members = {}
+    return _Place(key, info, parent)
+
+
+def _unknown(
+    key: Key, known: tuple[str, ...], model: type[BaseModel], top_level: tuple[str, ...]
+) -> str:
+    name = str(key[-1])
+    if len(key) == 1 and name in top_level:
+        return "belongs to the whole study, so no scene or sweep can change it"
+    if "." in name.strip(".") and "grid" in known:
+        return f"put it under grid: `grid: {{{name}: ...}}`"
+    if "." in name.strip("."):
+        return f"write it as a section: `{name.split('.')[0]}: {{{name.split('.', 1)[1]}: ...}}`"
+    every = _dotted_keys(model)
+    if dotted(key) in every:  # of another member of the union
+        return f"is no key of this kind of {key[-2]}: known are {', '.join(known)}"
+    if close := difflib.get_close_matches(name, known, n=1):
+        return f"unknown key: did you mean {close[0]}?"
+    elsewhere = [path for path in every if path.rsplit(".", 1)[-1] == name]
+    if not elsewhere:
+        last = {path.rsplit(".", 1)[-1]: path for path in every}
+        elsewhere = [last[match] for match in difflib.get_close_matches(name, last, n=1)]
+    if elsewhere:
+        return f"unknown key: did you mean {' or '.join(dict.fromkeys(elsewhere))}?"
+    if not known:
+        return "unknown key: there are no keys below this one"
+    return f"unknown key: known are {', '.join(known)}"
+
+
+@cache
+def _dotted_keys(section: type[BaseModel], prefix: str = "") -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for name, info in _fields(section).items():
+        found[prefix + name] = None
+        for option in sections_of(info.annotation):
+            found |= dict.fromkeys(_dotted_keys(option, f"{prefix}{name}."))
+    return tuple(found)
+
+
+def one_of(value: object, known: Sequence[str]) -> str:
+    """Return the message on a word that is not one of the ``known`` ones."""
+    close = difflib.get_close_matches(str(value), known, n=1)
+    return f"must be one of {', '.join(known)}" + (f"; did you mean {close[0]}?" if close else "")
+
+
+_MUST_BE = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "bool_type": "must be true or false",
+    "string_type": "must be a text",
+    "path_type": "must be a file name",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a section of `key: value`",
+    "model_type": "must be a section of `key: value`",
+    "model_attributes_type": "must be a section of `key: value`",
+    "finite_number": "must be a finite number",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+}
+
+
+def _wrong(entry: Any, info: FieldInfo | None) -> str:
+    context = entry.get("ctx", {})
+    if entry["type"] == "literal_error" and info is not None:
+        return one_of(entry["input"], tuple(str(value) for value in _literals(info.annotation)))
+    if entry["type"] not in _MUST_BE:
+        return str(context.get("error") or entry["msg"])
+    message = _MUST_BE[entry["type"]].format(**context)
+    mistakes = [item for item in info.metadata if isinstance(item, UnitMistake)] if info else []
+    limit = context.get("le", context.get("lt"))
+    if mistakes and limit is not None:
+        meant = round12(entry["input"] * mistakes[0].factor)
+        again = f": {meant:g}?" if meant <= limit else ""
+        return f"{message} ({mistakes[0].right}{again})"
+    return message + _meaning(info)
+
+
+def _literals(annotation: Any) -> list[object]:
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [value for part in get_args(annotation) for value in _literals(part)]
+
+
+def _meaning(info: FieldInfo | None) -> str:
+    return f" ({info.description})" if info is not None and info.description else ""

@@ -7,6 +7,7 @@ import pytest
 from scenes import packing_point, prepared
 
 from shear_sim.models.interface import SimulationError
+from shear_sim.models.microgel import links
 from shear_sim.models.microgel.links import (
     Network,
     heights,
@@ -28,7 +29,10 @@ def network(request):
 
 
 def section(cut="cells", **more):
-    more = {"avoid_height_spanning": False, "join_isolated": False, "cuts": 6} | more
+    if cut in ("cells", "lines"):
+        more = {"avoid_height_spanning": False, "cuts": 6} | more
+    if cut != "none":
+        more = {"join_isolated": False} | more
     return Links(cut=cut, **more)
 
 
@@ -162,13 +166,18 @@ def test_bulk_is_uncut_and_none_is_loose(network):
     assert not make_links(network, section("none"), Streams(0, 0))[0].any()
 
 
+CUTS = {"bulk": {}, "cells": {"cuts": 20}, "lines": {"cuts": 8, "avoid_angle": 0.0}}
+
+
 @pytest.mark.parametrize("cut", ["bulk", "cells"])
 @pytest.mark.parametrize("join", [False, True])
 def test_cut_top_bottom_leaves_no_link_through_the_top(network, cut, join):
     """Nor does a disc that is left alone get one back through the edge."""
     for seed in SEEDS:
         linked, _ = make_links(
-            network, section(cut, cut_top_bottom=True, join_isolated=join, cuts=12), Streams(seed, 0)
+            network,
+            section(cut, cut_top_bottom=True, join_isolated=join, **CUTS[cut]),
+            Streams(seed, 0),
         )
         assert (network.image[linked, 1] == 0).all()
         assert (network.image[linked, 0] != 0).any()
@@ -180,14 +189,15 @@ def test_no_particle_spans_the_height(network, cut):
     for seed in SEEDS:
         linked, _ = make_links(
             network,
-            section(cut, avoid_height_spanning=True, join_isolated=True, cuts=8, avoid_angle=0.0),
+            section(cut, avoid_height_spanning=True, join_isolated=True, **CUTS[cut]),
             Streams(seed, 0),
         )
         assert heights(network, linked).max() <= 0.9 * network.cell[1]
 
 
-def test_impossible_cut_is_a_clear_error(network):
+def test_impossible_cut_is_a_clear_error(network, monkeypatch):
     """One line through a periodic cell leaves it connected around: say so, do not loop."""
+    monkeypatch.setattr(links, "CUT_ATTEMPTS", 20)
     with pytest.raises(SimulationError, match=r"model\.links\.cuts"):
         make_links(network, section("lines", cuts=1, avoid_height_spanning=True), Streams(0, 0))
 
@@ -293,10 +303,10 @@ def test_links_follow_their_streams(network):
 
 
 def test_open_packings_have_no_links_through_the_edge():
-    """Open edges: no images, so no link may join through one."""
-    from shear_sim.packing import Cell
-
-    s = prepared(packing_point(cell=Cell(boundary="open"), links=Links(cut="bulk")))
-    assert s.n_links > 0
-    assert not s.pairs.nx.any()
-    assert not s.pairs.ny.any()
+    """Open edges: no images, and discs may be anywhere outside the cell."""
+    position = np.array([(0.05, 0.5), (0.95, 0.5), (-3.0, -7.0), (-3.1, -7.0)])
+    radius = np.full(4, 0.1)
+    assert touching_pairs(position[:2], radius[:2], (1.0, 1.0)).image.tolist() == [[-1, 0]]
+    found = touching_pairs(position, radius, (1.0, 1.0), periodic=False)
+    assert found.pairs.tolist() == [[2, 3]]
+    assert found.image.tolist() == [[0, 0]]

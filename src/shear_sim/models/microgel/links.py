@@ -64,7 +64,7 @@ def make_links(network: Network, section: Links, streams: Streams) -> tuple[Bool
         linked, removed = _remove(network, linked, section.remove_fraction, streams)
     joined = 0
     if section.join_isolated:
-        linked, joined = _join_isolated(network, linked, streams)
+        linked, joined = _join_isolated(network, linked, section, streams)
     report = {
         "links": int(linked.sum()),
         "particles": int(particles(network, linked).max()) + 1,
@@ -139,7 +139,13 @@ def _cut(network: Network, section: Links, streams: Streams) -> Bools:
             linked &= ~_between_cells(network, section, rng)
         elif section.cut == "lines":
             linked &= ~_across_lines(network, section, rng)
-        if not avoid or heights(network, linked).max() <= 0.9 * network.cell[1]:
+        if not avoid:
+            return linked
+        # Discs that are joined later (the same ones, as removal isolates none) count already.
+        whole = linked
+        if section.join_isolated:
+            whole, _ = _join_isolated(network, linked, section, streams)
+        if heights(network, whole).max() <= 0.9 * network.cell[1]:
             return linked
     msg = (
         f"no cut in {CUT_ATTEMPTS} tries left all particles lower than 0.9 of the cell's height: "
@@ -215,16 +221,24 @@ def _remove(
     return kept, len(going)
 
 
-def _join_isolated(network: Network, linked: Bools, streams: Streams) -> tuple[Bools, int]:
-    """Link each disc without links to one of the discs it touches, chosen at random."""
+def _join_isolated(
+    network: Network, linked: Bools, section: Links, streams: Streams
+) -> tuple[Bools, int]:
+    """Link each disc without links to one of the discs it touches, chosen at random.
+
+    Where top and bottom are cut, not through them.
+    """
     rng = streams.generator("isolated discs")
     linked = linked.copy()
     degree = np.bincount(network.pairs[linked].ravel(), minlength=len(network.radius))
+    allowed = np.ones(len(linked), bool)
+    if section.cut_top_bottom:
+        allowed = network.image[:, 1] == 0
     joined = 0
     for i in np.flatnonzero(degree == 0):
         if degree[i]:
             continue  # joined by an earlier one
-        touching = np.flatnonzero((network.pairs == i).any(axis=1))
+        touching = np.flatnonzero((network.pairs == i).any(axis=1) & allowed)
         if len(touching):
             q = rng.choice(touching)
             linked[q] = True

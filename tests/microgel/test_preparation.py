@@ -3,8 +3,18 @@
 import os
 import subprocess
 import sys
+import time
 
+import numpy as np
 import pytest
+from scenes import evaluate, finish, packing_point, prepared
+
+from shear_sim.models.interface import SimulationError
+from shear_sim.models.microgel import laws, motion
+from shear_sim.models.microgel.parameters import CustomLaw, HertzLaw, LinearLaw, Links
+from shear_sim.models.microgel.simulation import kernels_for
+from shear_sim.packing import Cell, Equilibration
+from shear_sim.protocol import OscillatoryShear
 
 CUSTOM = """
 from shear_sim.models.microgel import laws
@@ -36,3 +46,146 @@ def test_a_users_law_can_be_loaded_from_the_cache(tmp_path_factory, cached):
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[-500:]
         assert float(done.stdout) == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("discs", [20, 61])
+@pytest.mark.parametrize("links", ["none", "cells"])
+def test_a_packing_is_at_rest(discs, links):
+    """The criterion of the study file, checked from forces and velocities, not from its report."""
+    rest = Equilibration(force_tolerance=1e-10, energy_tolerance=1e-20)
+    s = prepared(
+        packing_point(
+            discs=discs, links=Links(cut=links), friction=0.3, packing={"equilibration": rest}
+        )
+    )
+    s.advance(1)
+    e = evaluate(s)
+    k, d = s.constants.k, s.discs
+    unit = k * 2 * d.radius.mean()
+    assert np.abs(e.force).max() < 3e-10 * unit
+    assert np.abs(e.torque / d.radius).max() < 3e-10 * unit
+    kinetic = 0.5 * (d.mass * (d.cx**2 + d.cy**2) + d.inertia * d.spin**2).mean()
+    assert kinetic <= 1e-20 * unit * 2 * d.radius.mean()
+    report = s.summary()["preparation"]
+    assert report["at_rest"]
+    assert report["unbalanced_force"] == pytest.approx(
+        max(np.hypot(*e.force.T).max(), np.abs(e.torque / d.radius).max()) / unit, rel=1e-6
+    )
+    assert abs((d.mass * d.cx).sum()) <= 1e-12 * (d.mass * np.abs(d.cx)).sum()
+    area = np.pi * (d.radius**2).sum() / (s.constants.width * s.constants.height)
+    assert area == pytest.approx(1.5, rel=1e-14)
+
+
+def test_a_step_limit_is_reported():
+    """Not at rest within the limit: the run goes on, and the summary says what was reached."""
+    rest = Equilibration(force_tolerance=1e-12, max_steps=60)
+    s = prepared(packing_point(discs=60, packing={"equilibration": rest}))
+    report = s.preparation
+    assert report["at_rest"] is False
+    assert report["unbalanced_force"] > 1e-12
+
+
+def test_a_rested_packing_stays_where_it_is():
+    """Without shear nothing moves in the rest before it, friction and links or not."""
+    s = prepared(
+        packing_point(
+            discs=40, links=Links(cut="cells"), friction=0.3,
+            shear=OscillatoryShear(
+                strain_amplitude=1e-9, pre_periods=2, periods=0.05, post_periods=0
+            ),
+        )
+    )  # fmt: skip
+    x, y = s.discs.x.copy(), s.discs.y.copy()
+    c = finish(s)
+    before = c["strain_rate"] == 0
+    assert np.ptp(c["pressure"][before]) < 1e-6 * c["pressure"][0]
+    assert np.abs((s.discs.y - y + 250e-6) % 500e-6 - 250e-6).max() < 1e-6 * s.discs.radius.max()
+    assert np.abs((s.discs.x - x + 250e-6) % 500e-6 - 250e-6).max() < 1e-6 * s.discs.radius.max()
+
+
+@pytest.mark.parametrize("law", [LinearLaw(kind="linear"), None])
+def test_a_crystal_is_in_equilibrium(law):
+    """Every disc of the hexagonal start is a centre of symmetry: no net force, whatever the law.
+
+    A cell of the wrong height, or rows shifted by another half, would leave net forces.
+    """
+    s = prepared(
+        packing_point(
+            cell=Cell(width=400e-6), discs=30, links=Links(cut="bulk"),
+            packing={"start": "hexagonal", "columns": 5, "size_ratio": 1.0,
+                     "packing_fraction": 1.1},
+            **({"contact_law": law} if law else {}),
+        )
+    )  # fmt: skip
+    assert s.preparation["relaxation_steps"] <= 2
+    s.advance(1)
+    e = evaluate(s)
+    assert np.abs(e.force).max() < 1e-12 * s.constants.k * s.discs.radius[0]
+    assert s.n_links == 3 * 30
+    spacing = s.pairs.d[: s.n_links]
+    assert np.abs(spacing / (400e-6 / 5) - 1).max() < 1e-12
+
+
+BUILT_IN = """
+def contact_force(d, D, k, repulsion):
+    force = k * (D - d) * (1.0 - repulsion + repulsion * D / max(d, 1e-6 * D))
+    return -min(force, 1000.0 * k * D)
+"""
+
+
+def test_a_users_law_is_as_good_as_a_built_in_one():
+    """The same formula gives the same bits in a whole run, at about the same speed.
+
+    An interpreted call-back is slower by a factor of 100 and more.
+    """
+    shear = OscillatoryShear(pre_periods=0, periods=0.5, post_periods=0)
+
+    def run(**law):
+        s = prepared(
+            packing_point(discs=30, friction=0.3, links=Links(cut="cells"), shear=shear, **law)
+        )
+        return s, finish(s)
+
+    a, ours = run()
+    b, theirs = run(contact_law=CustomLaw(kind="custom", source=BUILT_IN))
+    for name, values in ours.items():
+        assert np.array_equal(values, theirs[name]), name
+
+    def seconds(s):
+        best = np.inf
+        s.pairs = motion.renew_pairs(s.discs, s.work, s.pairs, s.n_links, s.constants, 0.0)
+        for _ in range(20):
+            start = time.perf_counter()
+            for _ in range(200):
+                evaluate(s)
+            best = min(best, time.perf_counter() - start)
+        return best
+
+    assert seconds(b) < 2 * seconds(a)
+
+
+def test_a_users_file_without_the_function_is_a_clear_error():
+    with pytest.raises(ValueError, match="must define"):
+        laws.custom("def force(d):\n    return 0.0\n")
+
+
+def test_kernels_of_a_law_are_compiled_once():
+    assert kernels_for(laws.divergent, True) is kernels_for(laws.divergent, True)
+    assert laws.custom(BUILT_IN) is laws.custom(BUILT_IN)
+
+
+def test_energy_of_a_contact_is_the_integral_of_its_force():
+    for section in (LinearLaw(kind="linear"), HertzLaw(kind="hertz")):
+        law, p = laws.law_of(section)
+        d, D, k, e = 1.6, 2.0, 3.0, 1e-6
+        slope = (laws.energy(section, d + e, D, k) - laws.energy(section, d - e, D, k)) / (2 * e)
+        assert slope == pytest.approx(law(d, D, k, p), rel=1e-6)
+    assert laws.energy(LinearLaw(kind="linear"), 1.6, 2.0, 3.0) == pytest.approx(0.5 * 3 * 0.16)
+
+
+def test_an_unstable_run_is_a_simulation_error():
+    """What is no longer a number stops the job, with what to do about it."""
+    s = prepared(packing_point(discs=30))
+    s.discs.cx[0] = np.nan
+    with pytest.raises(SimulationError, match="steps_per_period"):
+        finish(s)

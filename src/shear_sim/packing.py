@@ -216,6 +216,11 @@ def start_discs(packing: Packing, cell: Cell, streams: Streams) -> Start:
 
     rng = streams.generator("positions")
     position = rng.random((packing.discs, 2)) * (width, height)
-    while len(close := KDTree(position).query_pairs(1e-6 * radius.min(), output_type="ndarray")):
+    closest = 1e-6 * radius.min()
+    while len(
+        close := KDTree(position, boxsize=(width, height)).query_pairs(
+            closest, output_type="ndarray"
+        )
+    ):
         position[close[:, 0]] = rng.random((len(close), 2)) * (width, height)
     return Start(position, radius, width, height)

@@ -52,7 +52,7 @@ def constants(**changes):
         "step_stiffness": 1e9, "step_dashpot": 1e9, "step_strain": 0.03,
     }  # fmt: skip
     assert changes.keys() <= values.keys(), changes.keys() - values.keys()
-    return Constants(**(values | {n: v for n, v in changes.items()}))
+    return Constants(**(values | changes))
 
 
 def scene(
@@ -150,9 +150,7 @@ def evaluate(simulation, strain=0.0, rate=0.0):
     """Evaluate forces at this instant, without moving springs; return forces (N, 2) and torques."""
     s, w = simulation, simulation.work
     w.px[:], w.py[:], w.pspin[:] = s.discs.cx, s.discs.cy, s.discs.spin
-    s.kernels.contact_forces(
-        s.discs, w, s.pairs, s.n_links, s.constants, strain, rate, 0.0, True
-    )
+    s.kernels.contact_forces(s.discs, w, s.pairs, s.n_links, s.constants, strain, rate, 0.0, True)
     return SimpleNamespace(
         force=np.column_stack([w.fx, w.fy]), torque=w.torque.copy(), sums=w.tensors.copy()
     )

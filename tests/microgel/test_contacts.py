@@ -197,7 +197,9 @@ def test_dashpots_of_a_stretched_link_act_at_any_distance():
 
 
 def test_links_have_no_coulomb_cap():
-    s = scene([(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, links=[(0, 1)], step=1, steps=1)
+    s = scene(
+        [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, links=[(0, 1)], step=1, steps=1
+    )
     s.advance(1)
     s.pairs.spring[0] = 50.0
     assert evaluate(s).force[0, 1] == pytest.approx(KT * 50.0)

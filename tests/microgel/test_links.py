@@ -47,8 +47,10 @@ def components(n, pairs):
 
 
 def same_partition(a, b):
-    return len(set(zip(a.tolist(), b.tolist(), strict=True))) == len(set(a.tolist())) == len(
-        set(b.tolist())
+    return (
+        len(set(zip(a.tolist(), b.tolist(), strict=True)))
+        == len(set(a.tolist()))
+        == len(set(b.tolist()))
     )
 
 
@@ -119,7 +121,9 @@ def cut_angles(avoid):
     i, j = network.pairs.T
     middle = 0.5 * (network.position[i] + network.position[j])
     for seed in range(40):
-        linked, _ = make_links(network, section("lines", cuts=1, avoid_angle=avoid), Streams(seed, 0))
+        linked, _ = make_links(
+            network, section("lines", cuts=1, avoid_angle=avoid), Streams(seed, 0)
+        )
         where = middle[~linked]
         if len(where) < 30:
             continue  # a corner only: too short to measure
@@ -207,7 +211,10 @@ def test_height_of_particles_by_hand():
     cell = (10.0, 10.0)
     y = np.array([8.0, 9.5, 1.0, 5.0])
     position = np.column_stack([np.full(4, 5.0), y])
-    pairs, image = np.array([(0, 1), (1, 2), (2, 3), (0, 3)]), np.array([(0, 0), (0, 1), (0, 0), (0, 0)])
+    pairs, image = (
+        np.array([(0, 1), (1, 2), (2, 3), (0, 3)]),
+        np.array([(0, 0), (0, 1), (0, 0), (0, 0)]),
+    )
     chain = Network(position, np.full(4, 1.0), pairs, image, cell)
     high = heights(chain, np.array([True, True, False, False]))
     assert sorted(high) == pytest.approx([2.0, 5.0])  # 8 to 11 with radii; the lone disc
@@ -234,7 +241,9 @@ def test_removal_never_splits_a_particle(network, cut, fraction):
     n = len(network.radius)
     for seed in SEEDS:
         before, _ = make_links(network, section(cut), Streams(seed, 0))
-        after, report = make_links(network, section(cut, remove_fraction=fraction), Streams(seed, 0))
+        after, report = make_links(
+            network, section(cut, remove_fraction=fraction), Streams(seed, 0)
+        )
         assert not (after & ~before).any()
         assert same_partition(
             components(n, network.pairs[before]), components(n, network.pairs[after])

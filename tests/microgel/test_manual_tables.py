@@ -64,9 +64,7 @@ def angular_change(before, after):
 
 @cache
 def translating():
-    return two_discs(
-        [(150, 200)], velocity=np.array([(0.7, 0.3)]), steps=20, after=20, step=0.1
-    )
+    return two_discs([(150, 200)], velocity=np.array([(0.7, 0.3)]), steps=20, after=20, step=0.1)
 
 
 OTSUKI = (

@@ -48,8 +48,8 @@ def test_links_of_a_state_file(tmp_path):
         ({"contact_i": np.array([0]), "contact_j": np.array([1])}, "twice"),
         ({"x": np.array([1e-4, 1e-4, 2e-4]), "y": np.full(3, 1e-4)}, "one place"),
     ],
-    ids=["twice", "twice-reversed", "itself", "negative", "too-large", "link-and-contact", "coincident"],
-)  # fmt: skip
+    ids=["twice", "reversed", "itself", "negative", "beyond", "link-and-contact", "coincident"],
+)
 def test_impossible_pairs_are_refused(tmp_path, changes, word):
     """A pair listed twice would act twice, and overrun the new pair list at its next renewal."""
     with pytest.raises(SimulationError, match=word):

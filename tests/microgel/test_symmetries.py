@@ -10,7 +10,6 @@ from scenes import (
     prepared,
     scene,
     steady,
-    tensor,
 )
 
 from shear_sim.models.microgel import motion
@@ -18,7 +17,6 @@ from shear_sim.models.microgel.parameters import Links
 from shear_sim.models.microgel.simulation import MicrogelSimulation, make_pairs
 from shear_sim.packing import Cell
 from shear_sim.protocol import OscillatoryShear
-from shear_sim.streams import Streams
 
 PERIODIC = [f"periodic_overall_{ab}" for ab in ("xx", "xy", "yx", "yy")]
 CELL = Cell(width=500e-6, height=400e-6)
@@ -224,14 +222,11 @@ def test_reflection():
 
 
 SHORT = OscillatoryShear(strain_amplitude=0.3, pre_periods=0.1, periods=0.5, post_periods=0.1)
-PRESSURES = {"love_weber", "periodic_love_weber", "external", "peculiar", "overall", "torque"}
 
 
 def series(seed=0, packing=None, **model):
     model = {"friction": 0.3} | model
-    point = packing_point(
-        discs=30, links=Links(cut="cells"), shear=SHORT, packing=packing, **model
-    )
+    point = packing_point(discs=30, links=Links(cut="cells"), shear=SHORT, packing=packing, **model)
     return finish(prepared(point, seed))
 
 
@@ -245,9 +240,7 @@ def test_modulus_times_a_power_of_four_scales_every_stress_to_the_bit(n):
             factor = 2.0**-n
         elif name == "strain_rate":
             factor = 2.0**n
-        elif name.rsplit("_", 1)[-1] in ("xx", "xy", "yx", "yy") or "stress" in name:
-            factor = 4.0**n
-        elif name == "pressure":
+        elif name not in ("strain", "coordination", "sliding_fraction"):
             factor = 4.0**n
         assert np.array_equal(b[name], values * factor), name
 
@@ -289,10 +282,7 @@ def test_same_packing_whatever_friction_and_amplitude():
     for other in start[1:]:
         assert np.array_equal(other.discs.x, start[0].discs.x)
         assert np.array_equal(other.discs.y, start[0].discs.y)
-        assert np.array_equal(
-            other.pairs.i[: other.n_links], start[0].pairs.i[: start[0].n_links]
-        )
-    assert Streams(0, 0) == Streams(0, 0)
+        assert np.array_equal(other.pairs.i[: other.n_links], start[0].pairs.i[: start[0].n_links])
 
 
 def test_periodic_tensor_is_continuous_where_the_internal_one_jumps():
@@ -301,8 +291,3 @@ def test_periodic_tensor_is_continuous_where_the_internal_one_jumps():
     periodic = np.abs(np.diff(c["periodic_overall_xx"])).max()
     internal = np.abs(np.diff(c["overall_xx"])).max()
     assert internal > 5 * periodic
-
-
-def test_tensor_reads_components():
-    c = {f"a_{ab}": np.array([v]) for ab, v in zip(("xx", "xy", "yx", "yy"), range(4), strict=True)}
-    assert tensor(c, "a").tolist() == [[0, 1], [2, 3]]

@@ -178,7 +178,7 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
         total += r2  # max() may lose a NaN
     if not total < (1000.0 * constants.width) ** 2:
         return np.nan
-    return 2.0 * np.sqrt(farthest) + abs(change) * 2.0 * discs.radius.max()
+    return float(2.0 * np.sqrt(farthest) + abs(change) * 2.0 * discs.radius.max())
 
 
 @jit

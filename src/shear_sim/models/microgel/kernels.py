@@ -26,12 +26,11 @@ from shear_sim.compiled import jit
 from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
     accelerate,
-    all_finite,
     carry_plates,
     edge_kick,
     energy_row,
     finish_row,
-    list_is_safe,
+    moved,
     peak_rate,
     renew_pairs,
     segment,
@@ -333,7 +332,7 @@ def relax(
     steps = 0
     while steps < max_steps:
         steps += 1
-        if not list_is_safe(discs, work, constants, 0.0):
+        if not moved(discs, work, constants, 0.0) <= constants.skin:
             pairs = renew_pairs(discs, work, pairs, n_links, constants, 0.0)
         contact_forces(discs, work, pairs, n_links, constants, 0.0, 0.0, 0.0, False)
         largest2 = 0.0
@@ -505,8 +504,9 @@ def run(
                     work.pspin[a] = spin + half * aspin
             strain, rate = strain1, rate1
             carry_plates(discs, work, constants, rate)
-            if not list_is_safe(discs, work, constants, strain):
-                if not all_finite(discs):
+            way = moved(discs, work, constants, strain)
+            if not way <= constants.skin:
+                if np.isnan(way):
                     return pairs, filled, substeps, NOT_FINITE
                 pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
             recording = TALLY or (record and piece == pieces - 1)

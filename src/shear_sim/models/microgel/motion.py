@@ -151,29 +151,26 @@ def renew_pairs(
 
 
 @jit
-def list_is_safe(discs: Discs, work: Work, constants: Constants, strain: float) -> bool:
-    """Tell whether no pair can touch that is not in the list.
+def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> float:
+    """Return by how much two discs may have approached since the pair list was made [m].
 
     What counts is the displacement relative to the affine flow, and the flow across one contact.
+    The list holds all touching pairs while this is at most the skin. Not a number, or more than
+    1000 cells, says that the motion has exploded.
     """
     change = strain - work.strain0[0]
     farthest = 0.0
+    total = 0.0
     for a in range(discs.x.shape[0]):
         y = discs.y[a]
         dx = discs.x[a] - work.x0[a] - change * (y - 0.5 * constants.height)
         dy = y - work.y0[a]
-        farthest = max(farthest, dx * dx + dy * dy)
-    flow = abs(change) * 2.0 * discs.radius.max()
-    return bool(2.0 * np.sqrt(farthest) + flow <= constants.skin)
-
-
-@jit
-def all_finite(discs: Discs) -> bool:
-    """Tell whether all positions are finite."""
-    total = 0.0
-    for a in range(discs.x.shape[0]):
-        total += discs.x[a] + discs.y[a]
-    return bool(np.isfinite(total))
+        r2 = dx * dx + dy * dy
+        farthest = max(farthest, r2)
+        total += r2  # max() may lose a NaN
+    if not total < (1000.0 * constants.width) ** 2:
+        return np.nan
+    return float(2.0 * np.sqrt(farthest) + abs(change) * 2.0 * discs.radius.max())
 
 
 @jit

@@ -322,6 +322,12 @@ class MicrogelPoint(Point):
         keys = ("integrator.steps_per_period", "shear.relative_frequency", "shear.kind")
         return [(("record.every", *keys), message)]
 
+    @property
+    def recorded(self) -> tuple[str, ...] | None:
+        """Stored columns that the result table shall hold, time and strain always; None: all."""
+        chosen = self.record.columns
+        return None if chosen is None else tuple(dict.fromkeys(("time", "strain", *chosen)))
+
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation: packing, equilibration, links, equilibration."""
         from shear_sim.models.microgel.simulation import prepare  # loads Numba

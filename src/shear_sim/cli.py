@@ -1,0 +1,309 @@
+"""The command line: parse, call one function, report. Heavy libraries load inside the commands."""
+
+import json
+import signal
+import sys
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from shear_sim.results import Results
+    from shear_sim.study import Study
+    from shear_sim.sweep import Plan
+
+BAD_INPUT, STOPPED = 2, 75  # exit codes; the others are those of shear_sim.sweep
+
+app = typer.Typer(
+    name="shear-sim",
+    no_args_is_help=True,
+    rich_markup_mode=None,  # plain help: twice as fast, and it can be searched
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="Study file.")]
+ResultsFolder = Annotated[
+    Path, typer.Argument(metavar="RESULTS", help="Results of one study: results/<study>.")
+]
+Root = Annotated[
+    Path, typer.Option("--results", metavar="R", help="Results go to R/<study>/, read from there.")
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", "-j", min=1, help="Worker processes. Default: what Slurm gave, else all cores."
+    ),
+]
+Shard = Annotated[
+    str, typer.Option(metavar="i/n", help="Only every n-th job, from the i-th (i from 0).")
+]
+Limit = Annotated[int | None, typer.Option(min=0, help="Run at most so many jobs.")]
+RetryFailed = Annotated[
+    bool, typer.Option("--retry-failed", help="Also try again what failed by physics.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
+RESULTS = Path("results")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"shear-sim {version('shear-sim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    debug: Annotated[bool, typer.Option(help="Show tracebacks of errors.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Parameter studies of sheared soft and granular matter: from a YAML file to moduli.
+
+    Exit codes: 0 all jobs done, 1 some failed, 2 bad input, 75 stopped early by a signal,
+    130 interrupted.
+    """
+
+
+@app.command()
+def sweep(
+    study: StudyFile,
+    results: Root = RESULTS,
+    shard: Shard = "0/1",
+    jobs: Jobs = None,
+    limit: Limit = None,
+    retry_failed: RetryFailed = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the plan.")] = False,
+) -> None:
+    """Run all jobs of a study that have no result yet, on all cores.
+
+    It may be stopped at any time, also killed: the same command again goes on, with the same
+    results to the bit. Failed jobs are reported and the others go on.
+
+    Example: shear-sim sweep configs/main.yaml
+    """
+    for number in (signal.SIGTERM, signal.SIGUSR1):  # before the supervisor takes them over
+        signal.signal(number, _stop)
+    planned = _plan(study, results, shard, jobs, limit, retry_failed)
+    typer.echo(planned)
+    if not dry_run:
+        from shear_sim.screen import Screen
+        from shear_sim.sweep import describe_report, run_plan
+
+        report = run_plan(planned, Screen())
+        typer.echo(describe_report(planned, report))
+        raise typer.Exit(report.exit_code)
+
+
+@app.command()
+def plan(
+    study: StudyFile,
+    results: Root = RESULTS,
+    shard: Shard = "0/1",
+    jobs: Jobs = None,
+    limit: Limit = None,
+    retry_failed: RetryFailed = False,
+    as_json: Json = False,
+) -> None:
+    """Show what a sweep would do and cost, and do nothing (as sweep --dry-run).
+
+    Example: shear-sim plan configs/main.yaml --json
+    """
+    planned = _plan(study, results, shard, jobs, limit, retry_failed, quiet=as_json)
+    typer.echo(_json(planned.to_json()) if as_json else planned)
+
+
+@app.command()
+def run(
+    target: Annotated[
+        Path, typer.Argument(metavar="STUDY.yaml|FILE", help="Study file, or a result to repeat.")
+    ],
+    job: Annotated[
+        str | None, typer.Option("--job", metavar="ID", help="Job of the study: id or its begin.")
+    ] = None,
+    results: Root = RESULTS,
+) -> None:
+    """Run one job, here and now.
+
+    Given a result file, the job is computed again into R/repeated/ and compared with the file:
+    exit code 1 if they differ.
+
+    Examples: shear-sim run configs/main.yaml --job 3f9c21;
+    shear-sim run results/main/jobs/3f9c21d07be4a815.parquet
+    """
+    from shear_sim import single
+
+    if target.suffix == ".parquet":
+        if job is not None:
+            msg = "--job goes with a study file; a result file is one job already"
+            raise typer.BadParameter(msg)
+        path, differences = single.repeat(target, results)
+        typer.echo(f"computed again: {path}")
+        for difference in differences:
+            typer.echo(f"  differs: {difference}")
+        typer.echo("not the same bits" if differences else f"the same bits as {target}")
+        raise typer.Exit(1 if differences else 0)
+    loaded = _load(target)
+    if job is None:
+        msg = f"--job ID is missing: one of the {len(loaded.jobs())} jobs of {target}"
+        raise typer.BadParameter(msg)
+    path, failure = single.run_one(loaded, job, _results(loaded, results))
+    if failure is not None:
+        typer.echo(f"failed: job {failure.job} ({failure.kind}): {failure.reason}")
+        raise typer.Exit(1)
+    typer.echo(f"done: {path}\nnext: shear-sim show {path}")
+
+
+@app.command()
+def status(
+    target: Annotated[
+        Path, typer.Argument(metavar="STUDY.yaml|RESULTS", help="Study file or results/<study>.")
+    ],
+    results: Root = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Show how far a study is: jobs done, failed with the reason, missing; time and disk.
+
+    Example: shear-sim status results/main
+    """
+    from shear_sim.results import Results
+    from shear_sim.status import describe_status, read_status
+
+    of = Results.existing(target) if target.is_dir() else _results(_load(target), results)
+    found = read_status(of)
+    typer.echo(_json(found) if as_json else describe_status(found))
+
+
+@app.command()
+def show(
+    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    results: Root = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Show one job: its parameters, constants, moduli and checks, or why it failed.
+
+    Example: shear-sim show 3f9c21
+    """
+    from shear_sim.results import find_job, read_failure
+    from shear_sim.status import describe_job
+    from shear_sim.tables import read_summary
+
+    path = find_job(job, results)
+    if path.suffix == ".json":
+        summary: dict[str, Any] = {"failure": asdict(read_failure(path))}
+    else:
+        summary = read_summary(path)
+    typer.echo(_json(summary) if as_json else f"{path}\n{describe_job(summary)}")
+
+
+@app.command()
+def aggregate(
+    results: ResultsFolder,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Also draw.")] = True,
+) -> None:
+    """Make the tables and figures of a study from its results, also from partial ones.
+
+    Example: shear-sim aggregate results/main
+    """
+    from shear_sim import aggregate as aggregation
+    from shear_sim.summary import print_summary
+
+    print_summary(aggregation.aggregate(results, figures=figures))
+    written = ("tables", "figures") if figures else ("tables",)
+    typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
+
+
+def _stop(*_: object) -> NoReturn:
+    raise typer.Exit(STOPPED)
+
+
+def _plan(
+    study: Path,
+    results: Path,
+    shard: str,
+    jobs: int | None,
+    limit: int | None,
+    retry_failed: bool,
+    quiet: bool = False,
+) -> "Plan":
+    if not quiet:
+        typer.echo(f"reading {study}")
+    part = _shard(shard)
+    loaded = _load(study)
+    from shear_sim.sweep import make_plan
+
+    return make_plan(
+        loaded,
+        _results(loaded, results),
+        shard=part,
+        jobs=jobs,
+        limit=limit,
+        retry_failed=retry_failed,
+    )
+
+
+def _shard(text: str) -> tuple[int, int]:
+    """Return (i, n) of ``i/n``."""
+    index, slash, count = text.partition("/")
+    if slash and index.isdecimal() and count.isdecimal() and int(index) < int(count):
+        return int(index), int(count)
+    msg = f"--shard {text}: should be i/n with i from 0 to n - 1, such as 0/4"
+    raise typer.BadParameter(msg)
+
+
+def _load(study: Path) -> "Study":
+    from shear_sim.study import load_study
+
+    return load_study(study)
+
+
+def _results(study: "Study", root: Path) -> "Results":
+    from shear_sim.results import Results
+
+    return Results(root / study.name)
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, indent=2, ensure_ascii=False)
+
+
+def _plain_warning(message: Warning | str, *_: Any, **__: Any) -> str:
+    return f"warning: {message}\n"
+
+
+def main() -> NoReturn:
+    """Run the command line; no traceback reaches a user who has not asked for it."""
+    warnings.formatwarning = _plain_warning
+    try:
+        app(prog_name="shear-sim")
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception as error:
+        if "--debug" in sys.argv:
+            raise
+        sys.exit(_explain(error))
+    sys.exit(0)
+
+
+def _explain(error: Exception) -> int:
+    """Say what went wrong; return the exit code."""
+    from shear_sim.document import StudyError
+    from shear_sim.results import ResultsError
+    from shear_sim.sweep import FAILED, SweepError
+    from shear_sim.tables import TableError
+
+    if isinstance(error, StudyError | ResultsError | TableError):
+        typer.echo(f"shear-sim: {error}", err=True)
+        return BAD_INPUT
+    typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)
+    if not isinstance(error, SweepError | OSError):
+        typer.echo(
+            "This is an error of the program; `shear-sim --debug ...` shows where.", err=True
+        )
+    return FAILED

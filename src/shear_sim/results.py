@@ -1,0 +1,336 @@
+"""The folder of one study's results: what lies where, what is done, what failed, and the index.
+
+::
+
+    results/<study>/
+      study.yaml            the study file as given
+      plan.parquet          the jobs of the study as last planned: id, labels, varied keys
+      jobs/<job id>.parquet one per finished job: series and summary
+      failed/<job id>.json  one per failed job: why
+      index.parquet         summaries of all finished jobs; a cache, rebuilt at any time
+      tables/ figures/ logs/
+
+A job is done if and only if its file in ``jobs/`` exists. There are no locks: two processes that
+run the same job write the same bytes.
+"""
+
+import contextlib
+import json
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from shear_sim import models
+from shear_sim.tables import (
+    Table,
+    TableError,
+    read_arrow,
+    read_summary,
+    read_table,
+    remove_partial,
+    to_json,
+    write_arrow,
+    write_whole,
+)
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from shear_sim.study import Study
+
+FORMAT = 1  # of result files, plan and index; raised when an older program cannot read them
+INDEX_FORMAT = 1
+
+FailureKind = Literal["physics", "crash", "error"]
+
+
+class ResultsError(Exception):
+    """A results folder or a job in it is not what was asked for; says which and what to do."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a job has no result.
+
+    ``kind`` is ``physics`` (the simulation says that it cannot go on: the same again at every
+    try), ``crash`` (its process died) or ``error`` (an exception: a bug or the machine).
+    """
+
+    job: str
+    kind: FailureKind
+    reason: str
+    tries: int = 1
+    exit_code: int | None = None
+    signal: str | None = None
+    traceback: tuple[str, ...] = ()
+
+
+class Results:
+    """The results of one study."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.jobs = folder / "jobs"
+        self.failed = folder / "failed"
+        self.tables = folder / "tables"
+        self.figures = folder / "figures"
+        self.logs = folder / "logs"
+        self.study_file = folder / "study.yaml"
+        self.plan_file = folder / "plan.parquet"
+        self.index_file = folder / "index.parquet"
+
+    @classmethod
+    def existing(cls, folder: Path) -> "Results":
+        """Return the results in ``folder``, which must be there.
+
+        Raises
+        ------
+        ResultsError
+            If it is not a results folder.
+        """
+        results = cls(folder)
+        if not results.jobs.is_dir():
+            hint = "give results/<study>, as made by `shear-sim sweep STUDY.yaml`"
+            msg = f"{folder}: not a results folder (no jobs/ in it); {hint}"
+            raise ResultsError(msg)
+        return results
+
+    def prepare(self, study: "Study") -> None:
+        """Make the folders, keep the study file and its plan, and clean up after killed writers.
+
+        Raises
+        ------
+        ResultsError
+            If the folder cannot be written.
+        """
+        try:
+            for folder in (self.jobs, self.failed, self.tables, self.figures, self.logs):
+                folder.mkdir(parents=True, exist_ok=True)
+            for folder in (self.folder, self.jobs, self.failed):
+                remove_partial(folder)
+            text = study.text.encode()
+            if not self.study_file.exists() or self.study_file.read_bytes() != text:
+                write_whole(self.study_file, text)
+            self._keep_plan(study)
+        except OSError as error:
+            msg = f"{self.folder}: results cannot be written ({error})"
+            raise ResultsError(msg) from error
+
+    def _keep_plan(self, study: "Study") -> None:
+        """Write ``plan.parquet`` unless it is there: every shard has the same one."""
+        import pyarrow as pa
+
+        jobs = sorted((job.id, point, job) for point, of in study.groups().items() for job in of)
+        summary = {
+            "format": FORMAT,
+            "study": study.name,
+            "seed": study.seed,
+            "replicates": study.replicates,
+            "varied": list(study.varied),
+            "models": sorted({point.point.kind for point in study.points}),
+        }
+        columns: dict[str, list[Any]] = {
+            "job": [job for job, _, _ in jobs],
+            "point": [point for _, point, _ in jobs],
+            "replicate": [job.replicate for _, _, job in jobs],
+            "labels": [to_json(job.labels) for _, _, job in jobs],
+        }
+        values = {point.id: flatten(json.loads(point.json)) for point in study.points}
+        for name in study.varied:
+            columns[name] = [values[point].get(name) for point in columns["point"]]
+        table = pa.table(columns)
+        with contextlib.suppress(TableError):  # none yet, or a damaged one
+            if self.plan()[1] == summary and self.plan()[0].equals(table):
+                return
+        write_arrow(self.plan_file, table, summary)
+
+    def plan(self) -> "tuple[pyarrow.Table, dict[str, Any]]":
+        """Return the study as last planned: one row a job, and what the study says of itself.
+
+        Columns: ``job``, ``point`` (the id that its replicates share), ``replicate``, ``labels``
+        (JSON: the [block, scene] pairs that the job belongs to) and every key that varies, under
+        its name in the study file.
+
+        Raises
+        ------
+        TableError
+            If there is no plan or it is damaged.
+        """
+        return read_arrow(self.plan_file), read_summary(self.plan_file)
+
+    def job_file(self, job: str) -> Path:
+        """Return where the result of the job with this id lies, or will lie."""
+        return self.jobs / f"{job}.parquet"
+
+    def finished(self) -> set[str]:
+        """Return the ids of all jobs that have a result, from one listing."""
+        return {path.stem for path in _listing(self.jobs, ".parquet")}
+
+    def failures(self) -> dict[str, Failure]:
+        """Return the failed jobs that have no result, by id."""
+        paths = {path.stem: path for path in _listing(self.failed, ".json")}
+        finished = self.finished() if paths else set()
+        found = {}
+        for job, path in sorted(paths.items()):
+            if job not in finished:  # otherwise a later try has succeeded
+                found[job] = read_failure(path)
+        return found
+
+    def record_failure(self, failure: Failure) -> None:
+        """Keep why a job failed, in ``failed/<job id>.json``."""
+        text = json.dumps(asdict(failure), indent=2, ensure_ascii=False)
+        write_whole(self.failed / f"{failure.job}.json", f"{text}\n".encode())
+
+    def forget_failure(self, job: str) -> None:
+        """Remove the record of a failure: a later try has succeeded."""
+        (self.failed / f"{job}.json").unlink(missing_ok=True)
+
+    def index(self) -> "pyarrow.Table":
+        """Return one row per finished job: the numbers, words and flags of its summary.
+
+        Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in
+        the study file (``shear.strain_amplitude``), and the rest of the summary with dotted names
+        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
+        ``bytes`` is the size of that file. Rows are sorted by job id.
+
+        Only jobs that the kept index lacks are read; rows of deleted ones go. The result is kept
+        for the next call where the folder can be written. Damaged files are left out with a
+        warning that names them.
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        finished = self.finished()
+        known = self._kept_index()
+        rows, damaged = [], {}
+        for job in sorted(finished.difference(known.column("job").to_pylist())):
+            try:
+                rows.append(_index_row(self.job_file(job)))
+            except TableError as error:
+                damaged[job] = str(error)
+        kept = known.filter(pc.is_in(known.column("job"), pa.array(sorted(finished), pa.string())))
+        changed = bool(rows) or kept.num_rows != known.num_rows
+        if rows:
+            names = dict.fromkeys(name for row in rows for name in row)
+            new = pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
+            kept = pa.concat_tables([kept, new], promote_options="permissive").sort_by("job")
+        if changed:
+            # Somebody else's results may be read-only: then it is read again at the next call.
+            with contextlib.suppress(OSError):
+                write_arrow(self.index_file, kept, {"format": INDEX_FORMAT})
+        if damaged:
+            first = next(iter(damaged.values()))
+            warnings.warn(
+                f"{len(damaged)} damaged result file(s) left out, the first: {first}; "
+                "delete them and run `shear-sim sweep` again",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        return kept
+
+    def _kept_index(self) -> "pyarrow.Table":
+        """Return the index file, or an empty one where it is missing, damaged or of old format."""
+        import pyarrow as pa
+
+        with contextlib.suppress(TableError):
+            if read_summary(self.index_file) == {"format": INDEX_FORMAT}:
+                return read_arrow(self.index_file)
+        return pa.table({"job": pa.array([], pa.string())})
+
+
+def _listing(folder: Path, suffix: str) -> Iterator[Path]:
+    """Yield the files of ``folder`` with this suffix; partial files have another one."""
+    if folder.is_dir():
+        yield from (path for path in folder.iterdir() if path.suffix == suffix)
+
+
+def read_failure(path: Path) -> Failure:
+    """Read one file of ``failed/``; a damaged one is an error, so that its job runs again."""
+    try:
+        record = json.loads(path.read_bytes())
+        return Failure(**{**record, "traceback": tuple(record["traceback"])})
+    except (ValueError, TypeError, KeyError) as error:
+        return Failure(path.stem, "error", f"{path} cannot be read ({error})")
+
+
+def _index_row(path: Path) -> dict[str, Any]:
+    """Return the row of one result file."""
+    summary = read_summary(path)
+    if summary.get("format") != FORMAT:
+        msg = (
+            f"{path}: results of format {summary.get('format')}, this program reads {FORMAT}: "
+            "use the version of shear-sim that wrote it, or a newer one"
+        )
+        raise TableError(msg)
+    job = summary["job"]
+    if job["id"] != path.stem:
+        msg = f"{path}: the result of another job, {job['id']}"
+        raise TableError(msg)
+    row = {"job": job["id"], "point": job["point"], "replicate": job["replicate"]}
+    row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
+    row["bytes"] = path.stat().st_size
+    row |= flatten(summary["parameters"])
+    rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
+    return row | flatten(dict(sorted(rest.items())))
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = "", *, lists: bool = False) -> dict[str, Any]:
+    """Return the leaves of nested mappings under dotted keys; lists only if asked for."""
+    leaves: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            leaves |= flatten(value, f"{prefix}{key}.", lists=lists)
+        elif lists or not isinstance(value, list | tuple):
+            leaves[f"{prefix}{key}"] = value
+    return leaves
+
+
+def read_job(path: Path) -> Table:
+    """Read a result file: its stored columns, those that follow from them, and its summary.
+
+    The dependent columns are computed by the ``derive`` function of the job's model, whose
+    ``COLUMNS`` and ``DERIVED`` say what every column is, with its unit.
+
+    Raises
+    ------
+    TableError
+        If the file is damaged or is not a result of shear-sim.
+    """
+    table = read_table(path)
+    model = models.model(table.summary["job"]["model"])
+    return Table({**table.columns, **model.derive(table.columns)}, table.summary)
+
+
+def find_job(reference: str, root: Path) -> Path:
+    """Return the file that a JOB argument means: a result file, or a prefix of one job's id.
+
+    Parameters
+    ----------
+    reference : str
+        Path of a result or failure file, or the first letters of a job id.
+    root : Path
+        Folder that holds the results folders of studies; a prefix is looked for in all of them.
+
+    Raises
+    ------
+    ResultsError
+        If nothing, or more than one job, fits.
+    """
+    if (path := Path(reference)).is_file():
+        return path
+    found = []
+    if reference and all(letter in "0123456789abcdef" for letter in reference):
+        found = sorted(root.glob(f"*/jobs/{reference}*.parquet"))
+        failed = sorted(root.glob(f"*/failed/{reference}*.json"))
+        finished = {path.stem for path in found}
+        found += [path for path in failed if path.stem not in finished]
+    if len({path.stem for path in found}) > 1:
+        first = ", ".join(path.stem for path in found[:4])
+        msg = f"{reference}: {len(found)} jobs in {root} begin so ({first}, ...); give more letters"
+        raise ResultsError(msg)
+    if not found:
+        msg = f"{reference}: no such file, and no job in {root}/*/ whose id begins so"
+        raise ResultsError(msg)
+    return found[0]

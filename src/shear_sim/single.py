@@ -1,0 +1,109 @@
+"""One job by hand: run a job of a study now, or repeat a finished one and compare."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from shear_sim.results import Failure, Results, ResultsError, flatten
+from shear_sim.runner import run_job
+from shear_sim.study import Job
+from shear_sim.tables import Table, read_table
+from shear_sim.workers import attempt
+
+if TYPE_CHECKING:
+    from shear_sim.study import Study
+
+
+def run_one(study: "Study", reference: str, results: Results) -> tuple[Path, Failure | None]:
+    """Run the job of ``study`` whose id begins with ``reference``, in this process.
+
+    Returns
+    -------
+    path : Path
+        Its result, which may have been there already.
+    failure : Failure or None
+        Why there is no result; recorded in ``failed/`` as well.
+
+    Raises
+    ------
+    ResultsError
+        If no job or more than one begins so, or if the results cannot be written.
+    """
+    found = [job for job in study.jobs() if job.id.startswith(reference)]
+    if len(found) != 1:
+        msg = f"--job {reference}: {len(found)} jobs of {study.path} have an id that begins so"
+        raise ResultsError(msg)
+    [job] = found
+    results.prepare(study)
+    failure, storage_error = attempt(job, results.jobs)
+    if storage_error is not None:
+        msg = f"{results.folder}: results cannot be written ({storage_error})"
+        raise ResultsError(msg)
+    if failure is None:
+        results.forget_failure(job.id)
+    else:
+        results.record_failure(failure)
+    return results.job_file(job.id), failure
+
+
+def repeat(path: Path, root: Path) -> tuple[Path, list[str]]:
+    """Compute the job of a result file again and compare.
+
+    Parameters
+    ----------
+    path : Path
+        A result file.
+    root : Path
+        The new result is written to ``root/repeated/jobs/``.
+
+    Returns
+    -------
+    repeated : Path
+        The new result file.
+    differences : list of str
+        What is not the same to the bit; the block ``run`` (timings, machine) is not compared.
+
+    Raises
+    ------
+    TableError
+        If the file is not a result.
+    ResultsError
+        If this version of the program would compute something else.
+    """
+    before = read_table(path)
+    summary = before.summary
+    try:
+        job = Job.from_json(
+            {
+                **summary["job"],
+                "parameters": summary["parameters"],
+                "files": summary["run"]["files"],
+            }
+        )
+    except ValueError as error:
+        msg = f"{path}: {error}"
+        raise ResultsError(msg) from error
+    results = Results(root / "repeated")
+    results.jobs.mkdir(parents=True, exist_ok=True)
+    results.job_file(job.id).unlink(missing_ok=True)
+    repeated = run_job(job, results.jobs)
+    return repeated, differences(before, read_table(repeated))
+
+
+def differences(one: Table, other: Table) -> list[str]:
+    """Say where two results are not the same to the bit, the block ``run`` apart."""
+    found = []
+    for name in sorted(one.columns.keys() | other.columns.keys()):
+        if name not in one.columns or name not in other.columns:
+            found.append(f"column {name} is in one only")
+        elif one.columns[name].tobytes() != other.columns[name].tobytes():
+            found.append(f"column {name}")
+    facts = [_facts(table.summary) for table in (one, other)]
+    for key in sorted(facts[0].keys() | facts[1].keys()):
+        values = [fact.get(key) for fact in facts]
+        if values[0] != values[1]:
+            found.append(f"summary {key}: {values[0]} and {values[1]}")
+    return found
+
+
+def _facts(summary: dict[str, Any]) -> dict[str, Any]:
+    return flatten({key: value for key, value in summary.items() if key != "run"}, lists=True)

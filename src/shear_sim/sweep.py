@@ -1,0 +1,509 @@
+"""A sweep: what of a study is missing, and a supervisor that has it computed.
+
+Nothing here holds a lock or a state of its own: what is done is what lies in ``jobs/``. So a sweep
+may be killed at any time and started again, and several may work at one study.
+"""
+
+import contextlib
+import os
+import platform
+import signal
+import threading
+import time
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+from typing import IO, TYPE_CHECKING, Any
+
+from shear_sim.compiled import cache_folder
+from shear_sim.results import Failure, Results
+from shear_sim.screen import Screen, duration, size
+from shear_sim.tables import remove_partial
+from shear_sim.workers import (
+    Compiling,
+    Died,
+    Event,
+    Outcome,
+    Ready,
+    ServerDied,
+    Unprepared,
+    Workers,
+)
+
+if TYPE_CHECKING:
+    from shear_sim.study import Job, Study
+
+DONE, FAILED, STOPPED, INTERRUPTED = 0, 1, 75, 130  # exit codes
+GRACE_SECONDS = 5.0  # for running jobs to end after SIGTERM; Slurm's own grace is 30 s
+TICK_SECONDS = 0.2
+SERVER_RESTARTS = 3  # without one job ended in between
+SHOWN_FAILURES = 10
+
+
+class SweepError(Exception):
+    """The sweep cannot go on; says why. ``details`` holds a traceback."""
+
+    def __init__(self, message: str, details: str = "") -> None:
+        super().__init__(message)
+        self.details = details
+
+
+class Costs:
+    """Mean measured cost of a job: at its own point where known, else over all jobs."""
+
+    def __init__(self) -> None:
+        self._sum: dict[str | None, float] = defaultdict(float)
+        self._count: Counter[str | None] = Counter()
+
+    def add(self, point: str, cost: float) -> None:
+        """Take one measurement."""
+        for key in (point, None):
+            self._sum[key] += cost
+            self._count[key] += 1
+
+    @property
+    def measured(self) -> int:
+        """Number of measurements."""
+        return self._count[None]
+
+    def total(self, jobs: Counter[str]) -> float | None:
+        """Return the expected cost of so many jobs of each point; None if nothing is measured."""
+        if not self.measured:
+            return None
+        means = {key: self._sum[key] / count for key, count in self._count.items()}
+        return sum(count * means.get(point, means[None]) for point, count in jobs.items())
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sweep would do, and what that is expected to cost.
+
+    Attributes
+    ----------
+    shard : (i, n)
+        Which part of the study this is; all counts are of this part.
+    run : list of Job
+        New jobs, and failed ones that are tried again.
+    left_out : int
+        Jobs that would run but for ``--limit``.
+    again, waiting : dict of Failure, by job id
+        Failed jobs that are tried again, and those that failed by physics, which are not.
+    orphans : int
+        Results that the study does not ask for (any more); they are never deleted.
+    points : dict
+        Job id to the id of its point.
+    """
+
+    study: "Study"
+    results: Results
+    shard: tuple[int, int]
+    total: int
+    done: int
+    run: "list[Job]" = field(repr=False)
+    left_out: int
+    again: dict[str, Failure] = field(repr=False)
+    waiting: dict[str, Failure] = field(repr=False)
+    orphans: int
+    workers: int
+    points: dict[str, str] = field(repr=False)
+    cpu_s: Costs = field(repr=False)
+    wall_s: Costs = field(repr=False)
+    job_bytes: float | None
+    memory_mb: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the plan for a script; times in s, memory of one worker in MB."""
+        to_run = Counter(self.points[job.id] for job in self.run)
+        cpu, wall = self.cpu_s.total(to_run), self.wall_s.total(to_run)
+        return {
+            "study": self.study.name,
+            "results": str(self.results.folder),
+            "shard": list(self.shard),
+            "jobs": self.total,
+            "done": self.done,
+            "new": len(self.run) - len(self.again),
+            "left_out": self.left_out,
+            "again": [asdict(failure) for failure in self.again.values()],
+            "waiting": [asdict(failure) for failure in self.waiting.values()],
+            "orphans": self.orphans,
+            "workers": self.workers,
+            "estimate": {
+                "measured_jobs": self.cpu_s.measured,
+                "cpu_s": cpu,
+                "wall_s": None if wall is None else wall / max(self.workers, 1),
+                "disk_bytes": None if self.job_bytes is None else self.job_bytes * len(self.run),
+                "memory_mb": self.memory_mb,
+            },
+        }
+
+    def __str__(self) -> str:
+        facts = self.to_json()
+        estimate = facts["estimate"]
+        part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
+        failed = len(self.again) + len(self.waiting)
+        counts = f"{facts['new']} new, {self.done} done, {failed} failed"
+        lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
+        lines += _failure_lines(self.again, "runs again")
+        lines += _failure_lines(self.waiting, "by physics, left alone")
+        if self.waiting:
+            lines.append("  failures by physics are tried again only with --retry-failed")
+        if self.left_out:
+            lines.append(f"  {self.left_out} more jobs are left for later by --limit")
+        if self.orphans:
+            lines.append(f"  {self.orphans} results are not of this study file (any more); kept")
+        if self.run and estimate["cpu_s"] is not None:
+            lines.append(
+                f"  to run: about {duration(estimate['cpu_s'])} of CPU, "
+                f"{duration(estimate['wall_s'])} on {self.workers} worker(s) of "
+                f"{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
+                f"{estimate['measured_jobs']} measured jobs"
+            )
+        elif self.run:
+            lines.append(f"  to run: no job is measured yet; {self.workers} worker(s)")
+        return "\n".join(lines)
+
+
+def default_workers() -> int:
+    """Return how many jobs run at once: what Slurm gave, else the cores this process may use."""
+    if given := os.environ.get("SLURM_CPUS_PER_TASK"):
+        return int(given)
+    if "SLURM_JOB_ID" in os.environ:
+        return 1  # Slurm's own default; the other cores of the node are somebody else's
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def make_plan(
+    study: "Study",
+    results: Results,
+    *,
+    shard: tuple[int, int] = (0, 1),
+    limit: int | None = None,
+    retry_failed: bool = False,
+    jobs: int | None = None,
+) -> Plan:
+    """Compare a study with its results.
+
+    Parameters
+    ----------
+    shard : (i, n)
+        Every n-th job of the whole study sorted by id, from the i-th (from 0). Finished jobs are
+        skipped after that, so shards never overlap, whenever each is planned.
+    limit : int, optional
+        Run at most so many jobs.
+    retry_failed : bool
+        Also run jobs that failed by physics.
+    jobs : int, optional
+        Number of workers; see `default_workers`.
+    """
+    points = {job.id: point for point, of in study.groups().items() for job in of}
+    part = study.jobs()[shard[0] :: shard[1]]
+    finished, failures = results.finished(), results.failures()
+    missing = [job for job in part if job.id not in finished]
+    waiting = {
+        job.id: failures[job.id]
+        for job in missing
+        if job.id in failures and failures[job.id].kind == "physics" and not retry_failed
+    }
+    run = [job for job in missing if job.id not in waiting]
+    chosen = run[:limit]
+    cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, bool(finished))
+    return Plan(
+        study=study,
+        results=results,
+        shard=shard,
+        total=len(part),
+        done=len(part) - len(missing),
+        run=chosen,
+        left_out=len(run) - len(chosen),
+        again={job.id: failures[job.id] for job in chosen if job.id in failures},
+        waiting=waiting,
+        orphans=len(finished.difference(points)),
+        workers=min(jobs or default_workers(), len(chosen)),
+        points=points,
+        cpu_s=cpu_s,
+        wall_s=wall_s,
+        job_bytes=job_bytes,
+        memory_mb=memory_mb,
+    )
+
+
+def _measured(
+    results: Results, points: dict[str, str], any_finished: bool
+) -> tuple[Costs, Costs, float | None, float | None]:
+    """Return CPU and wall time, mean bytes and largest memory [MB] of the finished jobs."""
+    cpu_s, wall_s = Costs(), Costs()
+    if not any_finished:
+        return cpu_s, wall_s, None, None
+    names = ["job", "run.cpu_s", "run.wall_s", "bytes", "run.peak_memory_mb"]
+    rows = results.index().select(names).to_pydict()
+    for job, cpu, wall in zip(rows["job"], rows["run.cpu_s"], rows["run.wall_s"], strict=True):
+        if job in points:
+            cpu_s.add(points[job], cpu)
+            wall_s.add(points[job], wall)
+    size_sum = sum(rows["bytes"])
+    return cpu_s, wall_s, size_sum / len(rows["bytes"]), max(rows["run.peak_memory_mb"])
+
+
+@dataclass(frozen=True)
+class Report:
+    """How a sweep ended."""
+
+    done: int  # now
+    failed: dict[str, Failure]  # now
+    waiting: int  # failed by physics before, and left alone
+    left: int  # not run: stopped, limited or storage full
+    signal: int | None
+    storage_full: str | None
+    wall_s: float
+
+    @property
+    def exit_code(self) -> int:
+        """0 all done, 1 some failed, 75 stopped, 130 interrupted."""
+        if self.signal is not None:
+            return INTERRUPTED if self.signal == signal.SIGINT else STOPPED
+        return FAILED if self.failed or self.waiting or self.storage_full else DONE
+
+
+def run_plan(plan: Plan, screen: Screen) -> Report:
+    """Run the jobs of a plan on its workers, whatever happens to single ones of them.
+
+    Raises
+    ------
+    ResultsError
+        If the results cannot be written from the start.
+    SweepError
+        If no job can run: the kernels do not compile, the server of the workers dies.
+    """
+    plan.results.prepare(plan.study)
+    started = time.monotonic()
+    sweep = _Sweep(plan, screen)
+    if plan.run:
+        cache_folder()  # an unwritable one is told here and replaced for all workers
+        with _signals() as received, _log(plan.results.logs) as log:
+            sweep.run(received, log)
+    return Report(
+        done=sweep.done,
+        failed=sweep.failed,
+        waiting=len(plan.waiting),
+        left=len(plan.run) - sweep.done - len(sweep.failed) + plan.left_out,
+        signal=sweep.signal,
+        storage_full=sweep.storage_full,
+        wall_s=time.monotonic() - started,
+    )
+
+
+class _Sweep:
+    """The supervisor's loop."""
+
+    def __init__(self, plan: Plan, screen: Screen) -> None:
+        self.plan, self.screen = plan, screen
+        self.todo = deque(range(len(plan.run)))
+        self.remaining = Counter(plan.points[job.id] for job in plan.run)
+        self.wall_s = plan.wall_s if plan.wall_s.measured else Costs()
+        self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
+        self.done = 0
+        self.failed: dict[str, Failure] = {}
+        self.ready = False
+        self.next_look = 0.0
+        self.restarts = 0
+        self.signal: int | None = None
+        self.storage_full: str | None = None
+
+    def run(self, received: list[int], log: IO[bytes]) -> None:
+        """Keep the workers busy until nothing is left or somebody says stop."""
+        self.log = log
+        self.screen.start(len(self.plan.run))
+        self.workers = self._new_workers()
+        give_up = float("inf")
+        try:
+            while not self.ready or self.busy:
+                for event in self.workers.events(TICK_SECONDS):
+                    self._take(event)
+                if received and self.signal is None:
+                    self.signal = received[0]
+                    self.todo.clear()
+                    grace = 0.0 if self.signal == signal.SIGINT else GRACE_SECONDS
+                    give_up = time.monotonic() + grace
+                if time.monotonic() >= give_up or (self.signal is not None and not self.ready):
+                    break
+                if time.monotonic() >= self.next_look:
+                    self._show()
+            else:
+                self.workers.close()
+        finally:
+            self._show()
+            self.workers.kill()
+            remove_partial(self.plan.results.jobs)
+            self.screen.stop()
+
+    def _show(self) -> None:
+        self.next_look = time.monotonic() + TICK_SECONDS
+        left = self.wall_s.total(self.remaining)
+        if left is not None:
+            left /= self.plan.workers
+        ended, total = self.done + len(self.failed), len(self.plan.run)
+        self.screen.update(ended, len(self.failed), total, left)
+
+    def _new_workers(self) -> Workers:
+        return Workers(self.plan.run, self.plan.results.jobs, self.log)
+
+    def _take(self, event: Event) -> None:
+        match event:
+            case Compiling():
+                self.screen.say(
+                    "compiling the kernels: once for this version, study and processor, then kept"
+                )
+            case Ready():
+                self.ready = True
+                for _ in range(min(self.plan.workers, len(self.todo))):
+                    self._give(self.workers.add())
+            case Unprepared():
+                msg = f"the kernels cannot be prepared: {event.reason}"
+                raise SweepError(msg, event.traceback)
+            case Outcome():
+                self.restarts = 0
+                self._end(event)
+                self._give(event.worker)
+            case Died():
+                self._lose(event.worker, event.status)
+                if self.todo:
+                    self._give(self.workers.add())
+            case ServerDied():
+                self._restart(event.status)
+
+    def _give(self, worker: int) -> None:
+        if self.todo:
+            self.busy[worker] = self.todo.popleft()
+            self.workers.give(worker, self.busy[worker])
+
+    def _end(self, outcome: Outcome) -> None:
+        """Count a job that has ended, well or not."""
+        job = self.plan.run[self.busy.pop(outcome.worker)]
+        self.remaining[self.plan.points[job.id]] -= 1
+        if outcome.storage_full is not None:
+            self.storage_full = outcome.storage_full
+            self.todo.clear()
+        elif outcome.failure is not None:
+            self._fail(outcome.failure)
+        else:
+            self.done += 1
+            self.wall_s.add(self.plan.points[job.id], outcome.wall_s)
+            if job.id in self.plan.again:
+                self.plan.results.forget_failure(job.id)
+
+    def _lose(self, worker: int, status: int) -> None:
+        """Record the job that a dead worker was at."""
+        if worker not in self.busy:
+            return
+        job = self.plan.run[self.busy.pop(worker)]
+        self.remaining[self.plan.points[job.id]] -= 1
+        reason = f"its process ended with exit code {status}"
+        name = None
+        if status < 0:
+            name = signal.Signals(-status).name
+            why = ": out of memory, or killed by somebody" if -status == signal.SIGKILL else ""
+            reason = f"its process was killed by {name}{why}"
+        reason += f"; what it said last is in {self.log.name}"
+        code = status if status >= 0 else None
+        self._fail(Failure(job.id, "crash", reason, exit_code=code, signal=name))
+
+    def _fail(self, failure: Failure) -> None:
+        before = self.plan.again.get(failure.job)
+        failure = replace(failure, tries=1 + (before.tries if before else 0))
+        self.failed[failure.job] = failure
+        self.plan.results.record_failure(failure)
+        if len(self.failed) <= SHOWN_FAILURES:
+            self.screen.say(f"failed: job {failure.job} ({failure.kind}): {failure.reason}")
+        elif len(self.failed) == SHOWN_FAILURES + 1:
+            self.screen.say("more jobs fail; they are counted below and listed at the end")
+
+    def _restart(self, status: int) -> None:
+        """Go on after the death of the server, which took all workers along."""
+        for worker in list(self.busy):
+            self._lose(worker, -signal.SIGKILL)
+        self.workers.kill()
+        self.restarts += 1
+        if self.restarts > SERVER_RESTARTS or not self.ready:
+            msg = f"the process that starts the workers died ({status}); see {self.log.name}"
+            raise SweepError(msg)
+        if self.todo:
+            self.ready = False
+            self.workers = self._new_workers()
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Collect the signals that ask to stop, instead of dying of them."""
+    received: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield received  # a thread of the user's program: signals are that program's affair
+        return
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+
+    asked = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in asked}
+    try:
+        for number in asked:
+            if before[number] != signal.SIG_IGN:  # nohup: stay when the terminal closes
+                signal.signal(number, note)
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _log(folder: Path) -> Iterator[IO[bytes]]:
+    """Open the file for what workers print; it is removed if they print nothing."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    path = folder / f"sweep-{stamp}-{platform.node()}-{os.getpid()}.log"
+    with path.open("ab") as log:
+        yield log
+    if path.stat().st_size == 0:
+        path.unlink()
+
+
+def _failure_lines(failures: dict[str, Failure], what: str) -> list[str]:
+    lines = [
+        f"  failed ({what}): {job} ({failure.kind}, tried {failure.tries} x): {failure.reason}"
+        for job, failure in list(failures.items())[:SHOWN_FAILURES]
+    ]
+    if len(failures) > SHOWN_FAILURES:
+        lines.append(f"  ... and {len(failures) - SHOWN_FAILURES} more such jobs, in failed/")
+    return lines
+
+
+def describe_report(plan: Plan, report: Report) -> str:
+    """Return the last lines of a sweep: what was done, what was not and where to look next."""
+    folder = plan.results.folder
+    lines = []
+    if report.signal is not None:
+        lines.append(f"stopped by {signal.Signals(report.signal).name}")
+    if report.storage_full is not None:
+        lines.append(
+            f"stopped: results cannot be written ({report.storage_full}); make room or give "
+            "another folder with --results; finished jobs are safe"
+        )
+    lines.append(
+        f"{plan.study.name}: {plan.done + report.done} of {plan.total} jobs done "
+        f"({report.done} now, in {duration(report.wall_s)}), "
+        f"{len(report.failed) + report.waiting} failed, {report.left} left"
+    )
+    lines += _failure_lines(report.failed, "see failed/")
+    kinds = Counter(failure.kind for failure in report.failed.values())
+    if kinds["crash"] + kinds["error"]:
+        lines.append("  crashes and errors are tried again by the next sweep")
+    if report.waiting or kinds["physics"]:
+        lines.append("  failures by physics are tried again only with --retry-failed")
+    if report.left or report.signal is not None:
+        lines.append(f"next: the same command again does what is left, {report.left} job(s)")
+    if plan.done + report.done:
+        lines.append(f"next: shear-sim aggregate {folder}    (or: shear-sim status {folder})")
+    return "\n".join(lines)

@@ -17,6 +17,7 @@ from shear_sim.models.microgel.parameters import (
     Links,
     Microgel,
     MicrogelPoint,
+    Record,
 )
 from shear_sim.models.microgel.startfile import given_pairs, join, read_start
 from shear_sim.models.microgel.state import (
@@ -479,12 +480,17 @@ def _settle(
 
 
 def compile_kernels(points: Sequence[MicrogelPoint]) -> None:
-    """Compile the kernels of every contact law in ``points``: a few steps of a small packing."""
+    """Compile every kernel that ``points`` need: a few steps of a small packing of each kind."""
     small = Packing(discs=20, packing_fraction=1.0)
     brief = OscillatoryShear(pre_periods=0, periods=0.02, post_periods=0)
-    wanted = {p.model.contact_law.model_dump_json(): p.model.contact_law for p in points}
-    for law in wanted.values():
-        for links in (Links(cut="bulk"), Links(cut="none")):
-            model = Microgel(contact_law=law, links=links, friction=0.0)
-            point = MicrogelPoint(model=model, packing=small, shear=brief)
-            prepare(point, Streams(0, 0)).advance(2)
+    wanted = {}
+    for p in points:
+        law = p.model.contact_law
+        turning = needs_tangential(p.model)
+        wanted[law.model_dump_json(), turning, p.record.energy] = law
+    for (_, turning, energy), law in wanted.items():
+        links = Links(cut="bulk" if turning else "none")
+        model = Microgel(contact_law=law, links=links, friction=0.0)
+        record = Record(energy=energy)
+        point = MicrogelPoint(model=model, packing=small, shear=brief, record=record)
+        prepare(point, Streams(0, 0)).advance(2)

@@ -40,6 +40,8 @@ LAW = "def contact_force(distance, contact_distance, stiffness, repulsion):\n   
             {"model": {"links": {"cut": "none", "remove_fraction": 0.5}}},
             "remove_fraction: 0.5 has no effect with cut: none",
         ),
+        ({"model": {"links": {"cut": "file"}}}, "cut: file needs start: file"),
+        ({"model": {"links": {"cut": "file", "cuts": 3}}}, "cuts: 3 has no effect"),
         ({"model": {"links": {"avoid_angle": 20}}}, "avoid_angle: 20.0 has no effect"),
         ({"model": {"links": {"cut": "lines", "edge_fuzziness": 1}}}, "edge_fuzziness"),
         ({"shear": {"kind": "steady", "relative_rate": 0, "strain": 1}}, "must not be 0"),
@@ -75,6 +77,7 @@ def test_impossible_combinations_are_refused(data, message):
         {"model": {"links": {"cut": "lines", "avoid_angle": 20}}},
         {"integrator": {"steps_per_period": 200}, "record": {"every": 10}},
         {"record": {"columns": ["time", "strain"]}},
+        {"packing": {"start": "file", "file": "a.npz"}, "model": {"links": {"cut": "file"}}},
     ],
 )
 def test_possible_combinations_survive_a_round_trip(data):

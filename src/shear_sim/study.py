@@ -104,7 +104,8 @@ class Job:
         Raises
         ------
         ValueError
-            If this version of the program would not compute the same numbers.
+            If this version of the program would not compute the same numbers, or a start file
+            is not named.
         """
         kind = data["model"]
         version = models.model(kind).PHYSICS_VERSION
@@ -120,6 +121,10 @@ class Job:
         point = models.model(kind).POINT.model_validate(
             apply(data["parameters"], tuple(changes)), strict=False
         )
+        for key, section in _readers(point):
+            if getattr(section, "file_digest", None) and section.file is None:  # type: ignore[attr-defined]
+                msg = f"job {data['id']} starts from a file: name it in files[{dotted(key)}.file]"
+                raise ValueError(msg)
         labels = tuple((block, scene) for block, scene in data.get("labels", ()))
         job = cls.create(point, data["seed"], data["replicate"], labels)
         if job.id != data["id"]:
@@ -457,9 +462,9 @@ class _Fault(Exception):  # noqa: N818 - never leaves this module
 
 def _check_columns(point: Point) -> None:
     """Refuse columns that the model does not store, or that are named twice."""
-    columns = getattr(getattr(point, "record", None), "columns", None)
+    columns: Sequence[str] = getattr(getattr(point, "record", None), "columns", None) or ()
     known = [column.name for column in models.model(point.kind).COLUMNS]
-    for i, name in enumerate(columns or ()):
+    for i, name in enumerate(columns):
         if name not in known:
             message = f"{name} is no stored column: {one_of(name, known)}"
         elif name in columns[:i]:

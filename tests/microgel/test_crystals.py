@@ -20,7 +20,6 @@ from shear_sim.models.microgel.parameters import (
 )
 from shear_sim.models.microgel.simulation import (
     MicrogelSimulation,
-    default_steps,
     kernels_for,
     laws,
     make_clock,
@@ -86,7 +85,7 @@ def test_bonded_crystal(law, amplitude):
         point, kernels_for(laws.divergent, tangential=True), discs,
         make_pairs(network.pairs, network.image), len(network.pairs),
         make_constants(point, discs, start.width, start.height, period),
-        make_clock(point.shear, period, default_steps(point.shear), 1), {},
+        make_clock(point.shear, period, point.steps_per_period, 1), {},
     )  # fmt: skip
     assert len(network.pairs) == 3 * 24
     result, loss = measure(simulation)

@@ -107,6 +107,7 @@ def contact_forces(
         fy[a] = 0.0
         torque[a] = 0.0
     closest_d2, closest_D2 = 1.0, 1.0
+    longest2 = 1.0
     touching_pairs = 0
     sliding_pairs = 0
     if record:
@@ -157,6 +158,7 @@ def contact_forces(
                 closest_D2 = D * D
         else:
             elastic = k * (d - D)
+            longest2 = max(longest2, d2 / (D * D))
         vx = px[j] - px[i] + rate * dy
         vy = py[j] - py[i]
         vn = vx * ex + vy * ey
@@ -278,6 +280,7 @@ def contact_forces(
 
     work.closest[0] = closest_d2
     work.closest[1] = closest_D2
+    work.closest[2] = longest2
     if record:
         t = work.tensors
         t[0], t[1], t[2], t[3], t[4] = pxx, pxy, pyx, pyy, pt
@@ -397,7 +400,9 @@ def substep(constants: Constants, work: Work, rate: float) -> float:
         e = 1e-4 * D
         slope = (law(d, D, 1.0, constants.law) - law(max(d - e, 0.0), D, 1.0, constants.law)) / e
         h /= np.sqrt(max(1.0, slope))
-    h = min(h, constants.step_dashpot)
+    # The arms of a stretched link grow with it, and what turns the discs with their square.
+    longest2 = work.closest[2]
+    h = min(h, constants.step_rolling / np.sqrt(longest2), constants.step_dashpot / longest2)
     if rate != 0.0:
         h = min(h, constants.step_strain / abs(rate))
     return h

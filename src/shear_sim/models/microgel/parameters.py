@@ -118,18 +118,22 @@ ContactLaw = Annotated[
 
 # What a way of cutting leaves without effect. Such options must keep their defaults, so that two
 # jobs of the same physics have the same id.
+_CUTTING = (
+    "cuts",
+    "edge_fuzziness",
+    "avoid_angle",
+    "cut_top_bottom",
+    "avoid_height_spanning",
+    "remove_fraction",
+    "join_isolated",
+)
 _WITHOUT_EFFECT: dict[str, tuple[str, ...]] = {
     "cells": ("avoid_angle",),
     "lines": ("edge_fuzziness",),
     "bulk": ("cuts", "edge_fuzziness", "avoid_angle", "avoid_height_spanning"),
+    "file": _CUTTING,
     "none": (
-        "cuts",
-        "edge_fuzziness",
-        "avoid_angle",
-        "cut_top_bottom",
-        "avoid_height_spanning",
-        "remove_fraction",
-        "join_isolated",
+        *_CUTTING,
         "normal_factor",
         "tangential_factor",
         "stretched_tangential_dashpot",
@@ -293,6 +297,9 @@ class MicrogelPoint(Point):
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         check_cell(self.cell, self.packing)
+        if self.model.links.cut == "file" and self.packing.start != "file":
+            message = f"cut: file needs start: file, whose links it takes, not {self.packing.start}"
+            raise Impossible([(("model.links.cut", "packing.start"), message)])
         if problems := self._unresolved_records():
             raise Impossible(problems)
         return self

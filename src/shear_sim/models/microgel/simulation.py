@@ -111,7 +111,7 @@ def make_work(n: int) -> Work:
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
         strain0=np.zeros(1), turns=np.zeros(1, np.int32),
-        closest=np.ones(2), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+        closest=np.ones(3), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
         stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),
     )  # fmt: skip
 
@@ -159,7 +159,6 @@ def make_constants(
     vibration = math.sqrt(2 * max(contact[0], link[0]) / light)
     rolling = math.sqrt(24 * max(contact[1], link[1]) / light)
     dashpots = max(8 * max(contact[2], link[2]), 20 * max(contact[3], link[3])) / light
-    fastest = max(rolling / 1.2, dashpots / 0.8)
     return Constants(
         width=float(width),
         height=float(height),
@@ -179,7 +178,8 @@ def make_constants(
         affine=model.drive == "affine",
         skin=SKIN * float(discs.radius.mean()),
         step_stiffness=0.8 / vibration,
-        step_dashpot=1.0 / fastest if fastest else math.inf,
+        step_rolling=1.2 / rolling if rolling else math.inf,
+        step_dashpot=0.8 / dashpots if dashpots else math.inf,
         step_strain=0.03,
     )  # fmt: skip
 
@@ -389,7 +389,9 @@ def _relax(
     unit = force_unit(constants, discs)
     # What only moving discs feel stays out of it: scenes that differ there share their packings.
     at_rest = constants._replace(
-        step_stiffness=0.8 * math.sqrt(discs.mass.min() / (2 * constants.k)), step_dashpot=math.inf
+        step_stiffness=0.8 * math.sqrt(discs.mass.min() / (2 * constants.k)),
+        step_rolling=math.inf,
+        step_dashpot=math.inf,
     )
     linear = at_rest._replace(law=(0.0, *constants.law[1:]))
     work, pairs, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0

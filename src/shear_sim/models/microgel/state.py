@@ -60,7 +60,7 @@ class Work(NamedTuple):
     wy: Ints
     strain0: Floats  # (1,) strain when the neighbour list was made
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
-    closest: Floats  # (2,) d² and D² of the relatively most compressed pair
+    closest: Floats  # (3,) d² and D² of the most compressed pair, largest (d/D)² of a link
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
     stored: Floats  # (1,) elastic energy [J/m]
@@ -111,7 +111,8 @@ class Constants(NamedTuple):
     affine: bool  # SLLOD, or driven at the edges alone
     skin: float  # [m]
     step_stiffness: float  # longest substep × √(stiffness / mass) at d = D [s]
-    step_dashpot: float  # longest substep that the dashpots allow [s]
+    step_rolling: float  # that the rolling of six contacts at d = D allows [s]
+    step_dashpot: float  # that their dashpots allow [s]
     step_strain: float  # longest substep in strain [-]
 
 

@@ -49,7 +49,7 @@ def constants(**changes):
         "friction": 0.0, "law": (0.0, 1.0, 1.0, 1.0), "may_pull": True, "stretched_dashpot": True,
         "sliding": COULOMB, "contact_arms_in_velocity": True, "contact_arms_in_torque": True,
         "damping": 0.0, "spin_damping": 0.0, "spin_target": 0.0, "affine": True, "skin": 12.0,
-        "step_stiffness": 1e9, "step_dashpot": 1e9, "step_strain": 0.03,
+        "step_stiffness": 1e9, "step_rolling": 1e9, "step_dashpot": 1e9, "step_strain": 0.03,
     }  # fmt: skip
     assert changes.keys() <= values.keys(), changes.keys() - values.keys()
     return Constants(**(values | changes))

@@ -315,19 +315,19 @@ class TestTablesS47AndS48BoundaryForces:
 # Assemblies: default parameters, no damping, minimal rest, and (S4-10, S4-11) a shear that is
 # stopped at phase 0.3 of its first cycle, shortly after the largest strain. Pressures in Pa.
 ASSEMBLIES = {
-    "S4-9": (45, "none", 1, 1e-9),
-    "S4-10": (45, "none", 0.3, 0.2),
-    "S4-11": (60, "cells", 0.3, 0.2),
+    "S4-9": (45, Links(cut="none"), 1, 1e-9),
+    "S4-10": (45, Links(cut="none"), 0.3, 0.2),
+    "S4-11": (60, Links(cut="cells", cuts=3), 0.3, 0.2),
 }
 SEEDS = range(5)
 
 
 @cache
 def assembly(table, seed):
-    n, cut, periods, amplitude = ASSEMBLIES[table]
+    n, links, periods, amplitude = ASSEMBLIES[table]
     point = packing_point(
         discs=n,
-        links=Links(cut=cut, cuts=3),
+        links=links,
         damping=UNDAMPED,
         shear=OscillatoryShear(
             strain_amplitude=amplitude, pre_periods=0.1, periods=periods, post_periods=0

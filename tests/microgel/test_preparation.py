@@ -25,9 +25,11 @@ from shear_sim.models.microgel.simulation import (
 import numpy as np
 law = laws.custom("def contact_force(d, D, k, repulsion):\\n    return -4 * k * (D - d)\\n")
 discs = make_discs(np.zeros((2, 2)), np.ones(2), density=1.0)
-constants = make_constants(MicrogelPoint(), discs, 9.0, 9.0, 1.0)._replace(step_dashpot=1e9)
+constants = make_constants(MicrogelPoint(), discs, 9.0, 9.0, 1.0)._replace(
+    step_dashpot=1e9, step_rolling=1e9
+)
 work = make_work(2)
-work.closest[:] = 1.0, 4.0
+work.closest[:2] = 1.0, 4.0
 print(kernels_for(law, True).substep(constants, work, 0.0) / constants.step_stiffness)
 """
 

@@ -7,7 +7,7 @@ from scenes import evaluate, finish, prepared, scene
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel.parameters import Links, Microgel, MicrogelPoint
 from shear_sim.models.microgel.simulation import make_pairs
-from shear_sim.packing import Equilibration, Packing
+from shear_sim.packing import Packing
 from shear_sim.protocol import OscillatoryShear
 
 STATE = {
@@ -24,7 +24,7 @@ def start(tmp_path, **changes):
     np.savez(path, **(STATE | changes))
     return prepared(
         MicrogelPoint(
-            packing=Packing(start="file", file=path, discs=3, equilibration=Equilibration()),
+            packing=Packing(start="file", file=path),
             model=Microgel(links=Links(cut="file")),
             shear=OscillatoryShear(pre_periods=0, periods=0.1, post_periods=0),
         )

@@ -44,11 +44,7 @@ SHOWN_FAILURES = 10
 
 
 class SweepError(Exception):
-    """The sweep cannot go on; says why. ``details`` holds a traceback."""
-
-    def __init__(self, message: str, details: str = "") -> None:
-        super().__init__(message)
-        self.details = details
+    """The sweep cannot go on; says why."""
 
 
 class Costs:
@@ -364,7 +360,9 @@ class _Sweep:
                     self._give(self.workers.add())
             case Unprepared():
                 msg = f"the kernels cannot be prepared: {event.reason}"
-                raise SweepError(msg, event.traceback)
+                error = SweepError(msg)
+                error.add_note(event.traceback)  # shown with a traceback only, by --debug
+                raise error
             case Outcome():
                 self.restarts = 0
                 self._end(event)

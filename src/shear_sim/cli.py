@@ -212,9 +212,11 @@ def aggregate(
     Example: shear-sim aggregate results/main
     """
     from shear_sim import aggregate as aggregation
-    from shear_sim.results import Results
+    from shear_sim.summary import print_summary
 
-    aggregation.aggregate(Results.existing(results).folder, figures=figures)
+    print_summary(aggregation.aggregate(results, figures=figures))
+    written = ("tables", "figures") if figures else ("tables",)
+    typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
 
 
 def _stop(*_: object) -> NoReturn:

@@ -129,6 +129,7 @@ class Results:
             "seed": study.seed,
             "replicates": study.replicates,
             "varied": list(study.varied),
+            "models": sorted({point.point.kind for point in study.points}),
         }
         columns: dict[str, list[Any]] = {
             "job": [job for job, _, _ in jobs],

@@ -1,0 +1,313 @@
+"""From the results of a study to tables, with a spring and a dashpot whose moduli are known."""
+
+import io
+import json
+import re
+
+import kelvin_voigt
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from rich.console import Console
+from scipy import stats
+
+from shear_sim import aggregate as module
+from shear_sim.aggregate import aggregate, load
+from shear_sim.results import Failure, Results, ResultsError
+from shear_sim.runner import run_job
+from shear_sim.study import load_study
+from shear_sim.summary import print_summary
+
+STUDY = """
+model: {kind: kelvin_voigt, noise: 2.0}
+shear: {kind: oscillatory, relative_frequency: 0.025}
+scenes:
+  stiff: {model.modulus: 400}
+  soft: {model.modulus: 50}
+sweep:
+  - name: main
+    grid:
+      shear.strain_amplitude: [0.1, 0.2, 0.4]
+  - name: thick
+    scenes: [stiff]
+    grid:
+      shear.strain_amplitude: [0.2]
+      model.viscosity: [2.0, 8.0]
+replicates: 11
+seed: 5
+"""
+OMEGA = 2 * np.pi * 0.025
+
+
+def make(folder, text=STUDY, keep=lambda _: True):
+    """Plan a study in ``folder`` and run the jobs that ``keep`` wants; return its results."""
+    file = folder / "springs.yaml"
+    file.write_text(text)
+    study = load_study(file)
+    results = Results(folder / "results" / study.name)
+    results.prepare(study)
+    for job in study.jobs():
+        if keep(job):
+            run_job(job, results.jobs)
+    return results
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return make(tmp_path_factory.mktemp("whole"))
+
+
+@pytest.fixture(scope="module")
+def tables(whole):
+    return aggregate(whole.folder, figures=False)
+
+
+def point(moduli, **keys):
+    for key, value in keys.items():
+        moduli = moduli[moduli[key.replace("__", ".")] == value]
+    assert len(moduli) == 1
+    return moduli.iloc[0]
+
+
+def test_one_row_per_run_with_its_moduli(tables, whole):
+    runs = tables["runs"]
+    assert sorted(runs["job"]) == sorted(whole.finished())
+    assert len(runs) == 8 * 11
+    row = runs.iloc[0]
+    summary = json.loads(pq.read_metadata(whole.job_file(row["job"])).metadata[b"shear_sim"])
+    fit = summary["moduli"]["periodic"]
+    assert row["storage_modulus"] == fit["storage"]
+    assert row["loss_modulus"] == fit["loss"]
+    assert row["complex_modulus"] == np.hypot(fit["storage"], fit["loss"])
+    assert row["tan_delta"] == fit["loss"] / fit["storage"]
+    assert row["total_stress"] == fit["total"]
+    assert row["cycle_change"] == summary["quality"]["cycle_change"]
+    assert row["model.modulus"] == summary["parameters"]["model"]["modulus"]
+
+
+def test_one_row_per_point_with_what_a_spring_and_a_dashpot_have(tables):
+    moduli = tables["moduli"]
+    assert len(moduli) == 8
+    assert (moduli["replicates"] == 11).all()
+    assert (moduli["planned"] == 11).all()
+    row = point(moduli, scene="stiff", model__viscosity=8.0)
+    assert row["block"] == "thick"
+    assert row["storage_modulus_mean"] == pytest.approx(400, rel=0.02)
+    assert row["loss_modulus_mean"] == pytest.approx(8 * OMEGA, abs=4)
+    assert row["storage_modulus_ci_low"] < row["storage_modulus_mean"]
+    assert row["storage_modulus_ci_high"] > row["storage_modulus_mean"]
+    assert row["storage_modulus_ci_method"] == "BCa"
+    assert row["ci_level"] == 0.95
+
+
+def test_mean_median_and_interval_are_of_the_runs(tables):
+    runs, moduli = tables["runs"], tables["moduli"]
+    row = point(moduli, scene="soft", shear__strain_amplitude=0.1)
+    values = runs.loc[runs["point"] == row["point"], "storage_modulus"].to_numpy()
+    assert row["storage_modulus_mean"] == values.mean()
+    assert row["storage_modulus_median"] == np.median(values)
+    expected = stats.bootstrap(
+        (values,), np.mean, n_resamples=4999, rng=np.random.default_rng(row["ci_seed"])
+    ).confidence_interval
+    assert row["storage_modulus_ci_low"] == expected.low
+    assert row["storage_modulus_ci_high"] == expected.high
+
+
+def test_rows_come_in_the_order_of_the_study_file(tables):
+    """Not alphabetical: soft would come before stiff."""
+    moduli = tables["moduli"]
+    assert list(dict.fromkeys(moduli["scene"])) == ["stiff", "soft"]
+    soft = moduli[moduli["scene"] == "soft"]
+    assert soft["shear.strain_amplitude"].tolist() == [0.1, 0.2, 0.4]
+
+
+def test_tables_are_the_same_at_every_aggregation_and_no_series_is_read_again(
+    whole, tables, monkeypatch
+):
+    def unread(*_args, **_keys):
+        pytest.fail("a result file was read, though its summary is in the index")
+
+    monkeypatch.setattr(module, "read_job", unread)
+    monkeypatch.setattr("shear_sim.results._index_row", unread)
+    kept = {path.name: path.read_bytes() for path in whole.tables.iterdir()}
+    for name, table in aggregate(whole.folder, figures=False).items():
+        pd.testing.assert_frame_equal(table, tables[name])
+    assert {path.name: path.read_bytes() for path in whole.tables.iterdir()} == kept
+
+
+def test_parquet_carries_units_and_reads_back(whole, tables):
+    schema = pq.read_schema(whole.tables / "moduli.parquet")
+    assert schema.field("storage_modulus_mean").metadata[b"unit"] == b"Pa"
+    assert schema.field("model.modulus").metadata == {b"unit": b"Pa", b"description": b"G [Pa]"}
+    assert schema.field("shear.strain_amplitude").metadata[b"unit"] == b"-"
+    for name, table in tables.items():
+        again = load(whole.tables / f"{name}.parquet")
+        pd.testing.assert_frame_equal(again, table, check_dtype=False)
+        assert again.attrs["units"] == table.attrs["units"]
+
+
+def test_csv_names_carry_units(whole, tables):
+    read = pd.read_csv(whole.tables / "moduli.csv")
+    assert "storage_modulus_mean_Pa" in read
+    assert "model.modulus_Pa" in read
+    assert "tan_delta_mean" in read
+    assert "shear.strain_amplitude" in read
+    values = tables["moduli"]["storage_modulus_mean"]
+    assert read["storage_modulus_mean_Pa"].tolist() == values.tolist()
+    assert "drift_Pa_per_s" in pd.read_csv(whole.tables / "runs.csv")
+
+
+def printed(tables, **keys):
+    file = io.StringIO()
+    print_summary(tables, Console(file=file, **keys))
+    return file.getvalue()
+
+
+def test_a_partial_study_says_so_everywhere(tmp_path):
+    """Replicates 0 to 3 only, one failed; nothing at all of the largest amplitude."""
+    results = make(
+        tmp_path, keep=lambda job: job.replicate < 4 and job.point.shear.strain_amplitude < 0.3
+    )
+    (lost,) = (j for j in load_study(tmp_path / "springs.yaml").jobs()[:1])
+    results.job_file(lost.id).unlink(missing_ok=True)
+    results.record_failure(Failure(lost.id, "physics", "the spring broke"))
+    done = len(results.finished())
+    tables = aggregate(results.folder)
+    moduli = tables["moduli"]
+    assert len(moduli) == 8
+    assert moduli["replicates"].sum() == done == len(tables["runs"])
+    assert moduli["planned"].sum() == 88
+    assert moduli["failed"].sum() == 1
+    nothing = point(moduli, scene="soft", shear__strain_amplitude=0.4)
+    assert (nothing["replicates"], nothing["storage_modulus_ci_method"]) == (0, "none")
+    assert np.isnan(nothing["storage_modulus_mean"])
+    some = point(moduli, scene="soft", shear__strain_amplitude=0.1)
+    assert some["storage_modulus_ci_method"] == "t_log"
+    assert some["storage_modulus_ci_flag"] == "fewer than 10 replicates"
+    text = printed(tables)
+    assert f"PARTIAL STUDY: {done} of 88 runs (1 failed, {87 - done} not yet run)" in text
+    assert re.search(r"soft +0\.4 +0 of 11 +- +-\n", text)
+
+
+def test_nothing_finished_yet(tmp_path):
+    results = make(tmp_path, keep=lambda _: False)
+    tables = aggregate(results.folder)
+    assert len(tables["runs"]) == 0
+    assert tables["moduli"]["replicates"].tolist() == [0] * 8
+    assert "PARTIAL STUDY: 0 of 88 runs (0 failed, 88 not yet run)" in printed(tables)
+    assert not list(results.figures.iterdir())
+
+
+def test_results_outside_the_plan_are_counted_but_not_counted_in(tmp_path):
+    """The study file loses an amplitude; its results stay on the disk."""
+    fewer = STUDY.replace("replicates: 11", "replicates: 2")
+    make(tmp_path, fewer)
+    results = make(tmp_path, fewer.replace("[0.1, 0.2, 0.4]", "[0.1, 0.2]"))
+    assert len(results.finished()) == 16
+    tables = aggregate(results.folder, figures=False)
+    assert len(tables["runs"]) == 12
+    assert 0.4 not in set(tables["runs"]["shear.strain_amplitude"])
+    assert tables["runs"].attrs["orphans"] == 4
+    assert "4 results are of jobs outside the plan; they are not counted" in printed(tables)
+
+
+def test_old_points_keep_their_intervals_when_a_study_grows(tmp_path, tables, whole):
+    """Also where a new key varies, which old points then show with its default."""
+    text = STUDY.replace("[0.1, 0.2, 0.4]", "[0.1, 0.2, 0.4, 0.8]").replace(
+        "model.viscosity: [2.0, 8.0]", "model.viscosity: [2.0, 8.0]\n      model.seconds: [0, 1e-9]"
+    )
+    old = whole.finished()
+    grown = make(tmp_path, text, keep=lambda job: job.id in old)
+    new = aggregate(grown.folder, figures=False)["moduli"].set_index("point")
+    for _, row in tables["moduli"].iterrows():
+        for name in ("storage_modulus_ci_low", "loss_modulus_ci_high", "ci_seed"):
+            assert new.loc[row["point"], name] == row[name]
+
+
+def test_an_example_is_drawn_even_where_every_run_is_flagged(tmp_path):
+    results = make(tmp_path, "model: {kind: kelvin_voigt, noise: 5.0}\nreplicates: 3\n")
+    assert aggregate(results.folder)["runs"]["flagged"].all()
+    assert (results.figures / "example.png").exists()
+
+
+def test_flagged_runs_are_counted_in_and_counted(tmp_path):
+    """Noise of 2 Pa at rest is more than a tenth of a stress amplitude of 4 Pa."""
+    text = STUDY.replace("[0.1, 0.2, 0.4]", "[0.01, 0.4]").replace("11", "3")
+    tables = aggregate(make(tmp_path, text).folder, figures=False)
+    loud = point(tables["moduli"], scene="stiff", shear__strain_amplitude=0.01)
+    quiet = point(tables["moduli"], scene="stiff", shear__strain_amplitude=0.4)
+    assert (loud["flagged"], loud["replicates"]) == (3, 3)
+    assert quiet["flagged"] == 0
+    runs = tables["runs"]
+    assert runs.loc[runs["point"] == loud["point"], "baseline_noisy"].all()
+    assert "runs are flagged" in printed(tables)
+
+
+def test_runs_without_a_whole_period_have_no_moduli_and_are_flagged(tmp_path):
+    text = STUDY.replace("relative_frequency: 0.025", "relative_frequency: 0.025, periods: 0.5")
+    tables = aggregate(make(tmp_path, text.replace("11", "2")).folder, figures=False)
+    assert tables["runs"]["flagged"].all()
+    assert tables["runs"]["no_moduli"].str.contains("at least one whole period").all()
+    assert (tables["moduli"]["replicates"] == 2).all()
+
+
+def test_one_point(tmp_path):
+    """Nothing varies: no axis, no panels, still tables."""
+    text = "model: {kind: kelvin_voigt, noise: 0.1}\nreplicates: 3\n"
+    results = make(tmp_path, text)
+    tables = aggregate(results.folder)
+    assert len(tables["moduli"]) == 1
+    assert "3 of 3 runs" in printed(tables)
+    assert [path.name for path in results.figures.iterdir()] == ["example.png"]
+
+
+def test_figures_are_drawn_from_the_tables(whole):
+    aggregate(whole.folder)
+    names = {path.name for path in whole.figures.iterdir()}
+    assert names == {"moduli.png", "moduli_branches.png", "example.png"}
+
+
+def test_the_screen_is_plain_where_it_is_no_terminal(tables):
+    text = printed(tables)
+    assert set(re.findall(r"[^\x00-\x7f]", text)) <= {"′", "″"}
+    assert "\x1b" not in text
+    assert "\n88 of 88 runs\n" in text
+    on_terminal = printed(tables, force_terminal=True, width=100)
+    assert "\x1b" in on_terminal
+
+
+def test_a_folder_without_results_is_refused(tmp_path):
+    with pytest.raises(ResultsError, match="not a results folder"):
+        aggregate(tmp_path)
+
+
+def test_steady_shear_has_its_own_table():
+    """The index of two steady runs, as their summaries would fill it."""
+    planned = pd.DataFrame(
+        {
+            "job": ["a", "b"],
+            "point": ["1" * 16] * 2,
+            "replicate": [0, 1],
+            "scene": pd.Categorical(["", ""]),
+            "block": ["", ""],
+        }
+    )
+    index = pd.DataFrame(
+        {
+            "job": ["a", "b"],
+            "steady.shear_stress": [10.0, 14.0],
+            "steady.viscosity": [5.0, 7.0],
+            "steady.stress_ratio": [0.2, 0.3],
+            "flags.no_steady": [None, None],
+        }
+    )
+    runs = module.runs_table(planned, index, [])
+    assert runs["viscosity"].tolist() == [5.0, 7.0]
+    assert not runs["flagged"].any()
+    points = module.points_table(planned, runs, [], module.POINT_TABLES["steady"][1])
+    assert points.loc[0, "viscosity_mean"] == 6.0
+    assert points.attrs["units"]["viscosity_mean"] == "Pa s"
+
+
+assert kelvin_voigt.PHYSICS_VERSION == 1  # its import makes the model known

@@ -15,8 +15,7 @@ from shear_sim.schema import Impossible, UnitMistake
 
 Key = tuple[str | int, ...]
 
-REQUIRED = "is required"
-MAX_VALUES = 500_000  # of one file, aliases counted at every use
+MAX_VALUES = 200_000  # of one file, aliases counted at every use
 
 NOTHING = object()  # a problem about no value in particular
 
@@ -193,8 +192,9 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode, key: Key) -> object:
         try:
-            node.value.encode()  # \ud800 is half a character: nothing could print it
-            return _scalar(node.value) if node.tag == "plain" else node.value
+            # "\ud83d\ude00" is one character, as in JSON; half of one could not even be printed.
+            text = node.value.encode("utf-16-le", "surrogatepass").decode("utf-16-le")
+            return _scalar(text) if node.tag == "plain" else text
         except ValueError as error:  # or an integer of more than 4300 digits
             self._complain(node, key, f"cannot be read ({error})")
             return None
@@ -299,7 +299,10 @@ def complaints(
                 known += top_level
             yield Complaint((place.key,), _unknown(place.key, known, model, top_level))
         elif entry["type"] == "missing":
-            yield Complaint((place.key,), REQUIRED + _meaning(place.info))
+            # The section may stand nowhere in the file but through its kind.
+            kind = (*place.key[:-1], "kind")
+            message = f"{place.key[-1]} is required{_meaning(place.info)}"
+            yield Complaint((place.key, kind), message)
         elif entry["type"] == "union_tag_invalid":
             known = tuple(re.findall(r"'([^']*)'", context["expected_tags"]))
             message = one_of(entry["input"]["kind"], known)
@@ -368,10 +371,12 @@ def _unknown(
     name = str(key[-1])
     if len(key) == 1 and name in top_level:
         return "belongs to the whole study, so no scene or sweep can change it"
+    if "." in name and "grid" in known:
+        return f"put it under grid: `grid: {{{name}: ...}}`"
     if "." in name:
         return f"write it as a section: `{name.split('.')[0]}: {{{name.split('.', 1)[1]}: ...}}`"
     if close := difflib.get_close_matches(name, known, n=1):
-        return f"unknown key: did you mean {dotted((*key[:-1], close[0]))}?"
+        return f"unknown key: did you mean {close[0]}?"
     every = list(_dotted_keys(model))
     elsewhere = [path for path in every if path.rsplit(".", 1)[-1] == name]
     if not elsewhere:

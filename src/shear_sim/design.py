@@ -77,6 +77,13 @@ def _one_or_more(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
+def _some(value: object) -> object:
+    if value in ([], {}):
+        msg = "must not be empty"
+        raise ValueError(msg)
+    return value
+
+
 def _empty(value: object) -> object:
     return {} if value is None else value
 
@@ -118,14 +125,14 @@ class Sobol(Section):
     """A scrambled Sobol design: more points keep the old ones."""
 
     points: Annotated[int, Field(ge=1, le=MAX_POINTS, description="best a power of 2")]
-    ranges: Annotated[dict[str, Range], Field(min_length=1)]
+    ranges: Annotated[dict[str, Range], BeforeValidator(_some)]
 
 
 class Block(Section):
     """One block of the sweep."""
 
     name: str | None = None
-    scenes: Annotated[tuple[str, ...] | None, Field(strict=False, min_length=1)] = None
+    scenes: Annotated[tuple[str, ...] | None, Field(strict=False), BeforeValidator(_some)] = None
     grid: Annotated[dict[str, Axis], Field(default_factory=dict)]
     paired: Annotated[dict[str, Axis], Field(alias="zip", default_factory=dict)]
     listed: Annotated[tuple[Named, ...], Field(alias="list", strict=False)] = ()
@@ -138,7 +145,10 @@ class Design(Section):
 
     scenes: Annotated[dict[str, Named], Field(default_factory=dict)]
     sweep: Annotated[
-        tuple[Block, ...], Field(strict=False, min_length=1), BeforeValidator(_one_or_more)
+        tuple[Block, ...],
+        Field(strict=False),
+        BeforeValidator(_some),
+        BeforeValidator(_one_or_more),  # the last one comes first
     ] = (Block.model_validate({}),)
     replicates: Annotated[int, Field(ge=1, le=10_000, description="jobs of each point")] = 1
     seed: Annotated[int, Field(ge=0, lt=2**63, description="of all random numbers")] = 0
@@ -194,6 +204,11 @@ class _Axis(NamedTuple):
 
     origin: Key
     alternatives: list[Changes]
+
+    @property
+    def how(self) -> str:
+        """Return the key of the block that asks for these alternatives."""
+        return next(str(part) for part in self.origin[1:] if isinstance(part, str))
 
 
 def expand(design: Design, raw_sweep: object) -> Iterator[Variant | Complaint]:
@@ -345,5 +360,5 @@ def _changed_twice(scene: str, of_scene: Changes, axes: Sequence[_Axis]) -> Iter
                 if other in first and (other == leaf or other[-1] != "kind"):
                     message = f"{'.'.join(other)} is changed by {first[other]} already: once only"
                     yield Complaint((axis.origin,), message)
-        source = f"scene {scene}" if axis.origin[0] == "scenes" else str(axis.origin[-1])
+        source = f"scene {scene}" if axis.origin[0] == "scenes" else f"`{axis.how}`"
         first |= dict.fromkeys(mine, source)

@@ -5,11 +5,16 @@ A start is geometry only: positions, radii and cell. Bringing it to rest is each
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from shear_sim.schema import MICROMETRES, PERCENT, Impossible, Positive, Section
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
 
 
 class Cell(Section):
@@ -118,23 +123,30 @@ class Packing(Section):
             raise Impossible(problems)
         return self
 
-    def radii(self, area: float) -> tuple[float, float]:
-        """Return the small and the large radius [m] in a cell of ``area`` [m²].
 
-        Eq. S1-14 with the real counts, so that φ is exact: ⌈N/2⌉ discs are large.
-        """
-        large = (self.discs + 1) // 2
-        squares = large * self.size_ratio**2 + (self.discs - large)
-        small = math.sqrt(self.packing_fraction * area / (math.pi * squares))
-        return small, small * self.size_ratio
+class Start(NamedTuple):
+    """N discs before they are brought to rest, in a cell whose height is known now."""
 
-    def height(self, cell: Cell) -> float:
-        """Return L_y [m]: as given, else that of the crystal, else the width."""
-        if cell.height is not None:
-            return cell.height
-        if self.start == "hexagonal" and self.columns is not None:
-            return math.sqrt(0.75) * cell.width / self.columns * (self.discs / self.columns)
-        return cell.width
+    position: FloatArray  # (N, 2) [m]
+    radius: FloatArray  # (N,) [m]
+    width: float  # [m]
+    height: float  # [m]
+
+
+def cell_height(packing: Packing, cell: Cell) -> float:
+    """Return the height of the cell [m]: as given, a crystal's own, else the width."""
+    if packing.start == "hexagonal" and packing.columns is not None:
+        rows = packing.discs // packing.columns
+        return cell.width / packing.columns * rows * math.sqrt(3) / 2
+    return cell.width if cell.height is None else cell.height
+
+
+def radii(packing: Packing, area: float) -> FloatArray:
+    """Return the radii (N,) [m], ⌈N/2⌉ large ones first, with φ exact for these counts (S1-14)."""
+    large = math.ceil(packing.discs / 2)
+    relative = np.ones(packing.discs)
+    relative[:large] = packing.size_ratio
+    return relative * math.sqrt(packing.packing_fraction * area / (math.pi * (relative**2).sum()))
 
 
 def check_cell(cell: Cell, packing: Packing) -> None:
@@ -144,21 +156,24 @@ def check_cell(cell: Cell, packing: Packing) -> None:
     ------
     Impossible
         If the shorter side is under four large radii (a disc could touch a neighbour and one of
-        its images at once), or a crystal has an odd number of rows. A start file is checked when
-        it is read.
+        its images at once), or a crystal has an odd number of rows or another height than
+        theirs. A start file is checked when it is read.
     """
     if cell.boundary == "open" or packing.start == "file":
         return
+    if packing.start == "hexagonal" and cell.height is not None:
+        message = "leave cell.height out: a hexagonal start has the height of its rows"
+        raise Impossible([(("cell.height", "packing.start"), message)])
     if packing.columns is not None and (rows := packing.discs // packing.columns) % 2:
         message = (
             f"{packing.discs} discs make {rows} rows; every second row is shifted, so the images "
             f"fit an even number only: packing.discs: {packing.discs + packing.columns}?"
         )
         raise Impossible([(("packing.columns", "packing.discs", "packing.start"), message)])
-    height = packing.height(cell)
+    height = cell_height(packing, cell)
     side = min(cell.width, height)
     area = cell.width * height
-    large = packing.radii(area)[1]
+    large = float(radii(packing, area)[0])
     if side >= 4 * large:
         return
     # R_large² is proportional to φ and, but for the odd disc, to 1/N.
@@ -167,7 +182,7 @@ def check_cell(cell: Cell, packing: Packing) -> None:
     advice = f"packing.packing_fraction at most {fraction:g}"
     if packing.start == "random":
         discs = math.ceil(packing.discs * excess)
-        while packing.model_copy(update={"discs": discs}).radii(area)[1] > side / 4:
+        while radii(packing.model_copy(update={"discs": discs}), area)[0] > side / 4:
             discs += 1
         advice = f"packing.discs at least {discs}, or {advice}"
     name = "width" if cell.width <= height else "height"
@@ -178,3 +193,27 @@ def check_cell(cell: Cell, packing: Packing) -> None:
     keys = ("discs", "packing_fraction", "size_ratio", "columns", "start")
     sides = (f"cell.{name}", "cell.width", "cell.height", "cell.boundary")
     raise Impossible([((*(f"packing.{key}" for key in keys), *sides), message)])
+
+
+def start_discs(packing: Packing, cell: Cell, streams: Streams) -> Start:
+    """Return the discs of a random or hexagonal start.
+
+    Random positions are uniform in the cell, and no two closer than a millionth of a radius.
+    """
+    width, height = cell.width, cell_height(packing, cell)
+    radius = radii(packing, width * height)
+    if packing.start == "hexagonal":
+        columns = packing.columns or 1
+        rows = packing.discs // columns
+        spacing = width / columns
+        row, column = np.divmod(np.arange(packing.discs), columns)
+        x = (column + 0.5 * (row % 2) + 0.25) * spacing
+        y = (row + 0.5) * height / rows
+        return Start(np.column_stack([x, y]), radius, width, height)
+    from scipy.spatial import KDTree
+
+    rng = streams.generator("positions")
+    position = rng.random((packing.discs, 2)) * (width, height)
+    while len(close := KDTree(position).query_pairs(1e-6 * radius.min(), output_type="ndarray")):
+        position[close[:, 0]] = rng.random((len(close), 2)) * (width, height)
+    return Start(position, radius, width, height)

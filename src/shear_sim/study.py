@@ -18,7 +18,6 @@ from pydantic import ValidationError
 from shear_sim import models
 from shear_sim.config import (
     NOTHING,
-    REQUIRED,
     Complaint,
     Document,
     Key,
@@ -371,14 +370,14 @@ class _Reader:
         model = models.model(kind).POINT
         try:
             point = model.model_validate(data)
+            _check_columns(point)
             if files := tuple(self._read_files(point)):
                 point = model.model_validate(apply(data, files))
         except ValidationError as error:
             for complaint in _all_complaints(error, model, data):
-                single = len(complaint.keys) == 1 and not complaint.message.startswith(REQUIRED)
-                if complete or single:
+                if complete or len(complaint.keys) == 1:
                     self._report(complaint, data, changes)
-        except _FileFault as fault:
+        except _Fault as fault:
             self._report(fault.complaint, data, changes)
         else:
             return point
@@ -390,7 +389,7 @@ class _Reader:
             content = "source" if "source" in type(section).model_fields else "file_digest"
             if getattr(section, content) is not None:
                 message = f"{content} is filled in when the study is read: write file: instead"
-                raise _FileFault(Complaint(((*key, content),), message))
+                raise _Fault(Complaint(((*key, content),), message))
             path: Path | None = getattr(section, "file")  # noqa: B009 - of any model
             if path is None:
                 continue
@@ -399,7 +398,7 @@ class _Reader:
             except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or error
                 message = f"cannot be read beside the study ({reason})"
-                raise _FileFault(Complaint(((*key, "file"),), message)) from None
+                raise _Fault(Complaint(((*key, "file"),), message)) from None
             where = tuple(str(part) for part in key)
             yield Change((*where, "file"), (self.document.path.parent / path).absolute(), ())
             yield Change((*where, content), value, ())
@@ -438,9 +437,19 @@ class _Reader:
         self.problems.setdefault(same, problem)
 
 
-class _FileFault(Exception):  # noqa: N818 - never leaves this module
+class _Fault(Exception):  # noqa: N818 - never leaves this module
     def __init__(self, complaint: Complaint) -> None:
         self.complaint = complaint
+
+
+def _check_columns(point: Point) -> None:
+    """Refuse columns that the model does not store."""
+    columns = point.model_dump(include={"record": {"columns"}}).get("record", {}).get("columns")
+    known = [column.name for column in models.model(point.kind).COLUMNS]
+    for i, name in enumerate(columns or ()):
+        if name not in known:
+            message = f"{name} is no stored column: {one_of(name, known)}"
+            raise _Fault(Complaint((("record", "columns", i), ("record", "columns")), message))
 
 
 def _origin(key: Key, changes: Changes) -> Key | None:
@@ -477,7 +486,7 @@ def _all_complaints(
         for complaint in new:
             for key in complaint.keys:
                 # Without its kind, a section's other keys mean nothing.
-                removed.add(key[:-1] if key[-1] == "kind" else key)
+                removed.add(key[:-1] if key[-1] == "kind" and len(key) > 1 else key)
         for key in removed:
             data = _without(data, key)
         try:

@@ -1,6 +1,22 @@
-"""Microgel: bidisperse visco-elastic discs, with friction and permanent crosslinks."""
+"""Microgel: bidisperse visco-elastic discs, with friction and permanent crosslinks.
+
+Source: Braschler's particleShear manual, parts 1 to 4 (equations S1-…, tables S2-…, S4-…).
+Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``simulation``.
+"""
+
+from collections.abc import Sequence
 
 from shear_sim.models.microgel.parameters import MicrogelPoint
+from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
 
 POINT = MicrogelPoint
-PHYSICS_VERSION = 1
+PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
+
+__all__ = ["COLUMNS", "DERIVED", "PHYSICS_VERSION", "POINT", "compile_for", "derive"]
+
+
+def compile_for(points: Sequence[MicrogelPoint]) -> None:
+    """Compile all kernels that ``points`` need, or load them from the cache."""
+    from shear_sim.models.microgel.simulation import compile_kernels
+
+    compile_kernels(points)

@@ -1,0 +1,125 @@
+"""Contact laws: elastic force between two overlapping discs at distance d < D = r_i + r_j.
+
+Every law has the signature ``law(d, D, k, p) -> force`` per metre of depth [N/m] and is repulsive,
+that is negative, as in the call-back of the manual (part 2, section 4.3.2). d, D in m, k in N/m².
+``p`` holds (repulsion, begin, end, slope) of the study's contact law [-]. They are plain
+functions that the kernels are compiled with, so that a user's own law runs at the same speed.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from numba.extending import register_jitable
+
+from shear_sim.compiled import digest
+
+if TYPE_CHECKING:
+    from shear_sim.models.microgel.parameters import ContactLaw
+
+LawParameters = tuple[float, float, float, float]
+Law = Callable[[float, float, float, LawParameters], float]
+
+CLAMP = 1000.0  # largest force in units of k D, eq. S1-6
+
+
+@register_jitable
+def divergent(d: float, D: float, k: float, p: LawParameters) -> float:
+    """Return −k (D − d) [(1 − κ) + κ D/d], at least −1000 k D.
+
+    κ = p[0] = 1 is eq. S1-5b with the clamp S1-6, κ = 0 is the linear law, eq. S1-5a.
+    """
+    kappa = p[0]
+    # The clamp acts long before d = D/10⁶; the bound only keeps 0 · ∞ out.
+    force = k * (D - d) * (1.0 - kappa + kappa * D / max(d, 1e-6 * D))
+    return -min(force, CLAMP * k * D)
+
+
+@register_jitable
+def plateau_distance(d: float, D: float, p: LawParameters) -> float:
+    """Return the distance h(d) that the plateau law feels (part 2, section 4.3.3)."""
+    begin, end, slope = p[1] * D, p[2] * D, p[3]
+    if d >= end:
+        return d
+    if d >= begin:
+        return end + (d - end) * slope
+    return d / begin * (end + (begin - end) * slope)
+
+
+@register_jitable
+def plateau(d: float, D: float, k: float, p: LawParameters) -> float:
+    """Return the divergent law at the distance h(d): a soft plateau for sponge-like discs."""
+    return divergent(plateau_distance(d, D, p), D, k, p)
+
+
+@register_jitable
+def hertz(d: float, D: float, k: float, p: LawParameters) -> float:  # noqa: ARG001
+    """Return −1.1 E R^(−1/2) (D − d)^(3/2), R = D/2 and E = 8 k/π: eq. S1-13 with S1-8."""
+    overlap = D - d
+    return -1.1 * (8.0 / math.pi) * k * overlap * math.sqrt(2.0 * overlap / D)
+
+
+BUILT_IN: dict[str, Law] = {
+    "linear": divergent,
+    "divergent": divergent,
+    "plateau": plateau,
+    "hertz": hertz,
+}
+
+
+def law_of(section: "ContactLaw") -> tuple[Law, LawParameters]:
+    """Return the force function of a study's contact law and its parameters."""
+    p = (
+        0.0 if section.kind == "linear" else float(getattr(section, "repulsion", 1.0)),
+        float(getattr(section, "begin", 1.0)),
+        float(getattr(section, "end", 1.0)),
+        float(getattr(section, "slope", 1.0)),
+    )
+    if section.kind == "custom":
+        if section.source is None:
+            msg = "the custom contact law has no source: read the study with load_study"
+            raise ValueError(msg)
+        return custom(section.source), p
+    return BUILT_IN[section.kind], p
+
+
+@cache
+def custom(source: str) -> Law:
+    """Return the law that the user's Python file defines as ``contact_force``.
+
+    Raises
+    ------
+    ValueError
+        If the file defines no function ``contact_force``.
+    """
+    module = ModuleType("user_contact_law")
+    exec(compile(source, "<user contact law>", "exec"), module.__dict__)  # noqa: S102
+    function = getattr(module, "contact_force", None)
+    if not callable(function):
+        msg = (
+            "the custom contact law must define "
+            "contact_force(distance, contact_distance, stiffness, repulsion)"
+        )
+        raise ValueError(msg)
+    users = register_jitable(function)
+
+    @register_jitable
+    def law(d: float, D: float, k: float, p: LawParameters) -> float:
+        return float(users(d, D, k, p[0]))
+
+    law.__name__ = f"custom_{digest(source)}"  # names the compiled kernels
+    return law
+
+
+def energy(section: "ContactLaw", d: float, D: float, k: float) -> float:
+    """Return the elastic energy of a contact, ∫_d^D −F dr, per metre of depth [J/m]."""
+    from scipy.integrate import quad
+
+    law, p = law_of(section)
+    if d >= D:
+        return 0.0
+    kinks = [x * D for x in p[1:3] if d < x * D < D]
+    value, _ = quad(lambda r: -law(r, D, k, p), d, D, points=kinks or None, epsabs=0, epsrel=1e-12)
+    return float(value)

@@ -1,0 +1,432 @@
+"""A microgel simulation: prepared once, then asked for its records."""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.compiled import variant
+from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.microgel import laws, motion
+from shear_sim.models.microgel.links import make_links, touching_pairs
+from shear_sim.models.microgel.parameters import (
+    Links,
+    Microgel,
+    MicrogelPoint,
+)
+from shear_sim.models.microgel.state import (
+    COULOMB,
+    OSCILLATION,
+    RESET,
+    ROW,
+    RUNNING,
+    STEADY,
+    Clock,
+    Constants,
+    Discs,
+    Pairs,
+    Work,
+)
+from shear_sim.packing import Packing, start_discs
+from shear_sim.protocol import OscillatoryShear, Shear
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
+
+SKIN = 0.2  # of the mean radius: neighbour lists reach this much beyond contact
+REST_DAMPING = 0.5  # 1/τ, while a packing comes to rest
+
+
+@cache
+def kernels_for(law: laws.Law, tangential: bool) -> ModuleType:
+    """Return the kernels compiled for one contact law, with or without tangential forces."""
+    module = variant("shear_sim.models.microgel.kernels", f"{law.__name__}-{tangential}")
+    vars(module).update(law=law, TANGENTIAL=tangential)
+    return module
+
+
+def needs_tangential(model: Microgel) -> bool:
+    """Tell whether anything turns: friction in contacts, or links."""
+    return model.friction > 0 or model.links.cut != "none"
+
+
+def make_discs(
+    position: FloatArray,
+    radius: FloatArray,
+    *,
+    density: float | None = None,
+    mass: FloatArray | None = None,
+    inertia: FloatArray | None = None,
+    velocity: FloatArray | None = None,
+    spin: FloatArray | None = None,
+) -> Discs:
+    """Return the state of N discs.
+
+    Parameters
+    ----------
+    position, radius : (N, 2), (N,)
+        [m].
+    density : float
+        ρ [kg/m³] for m = πρr² and I = mr²/2 where ``mass`` [kg/m] and ``inertia`` are not given.
+    velocity, spin : (N, 2), (N,)
+        Peculiar velocity [m/s] and spin ω + γ̇/2 [1/s]; default 0.
+    """
+    n = len(radius)
+    if mass is None:
+        if density is None:
+            msg = "discs need a density or masses"
+            raise ValueError(msg)
+        mass = math.pi * density * radius**2
+    inertia = 0.5 * mass * radius**2 if inertia is None else inertia
+    velocity = np.zeros((n, 2)) if velocity is None else velocity
+    x, y, cx, cy, s, r, m, i = (
+        np.array(a, dtype=float)
+        for a in (
+            position[:, 0], position[:, 1], velocity[:, 0], velocity[:, 1],
+            np.zeros(n) if spin is None else spin, radius, mass, inertia,
+        )
+    )  # fmt: skip
+    return Discs(x, y, cx, cy, s, r, m, i, np.zeros(n, np.int32))
+
+
+def make_work(n: int) -> Work:
+    """Return the work arrays for N discs."""
+
+    def per_disc() -> FloatArray:
+        return np.zeros(n)
+
+    return Work(
+        px=per_disc(), py=per_disc(), pspin=per_disc(),
+        fx=per_disc(), fy=per_disc(), torque=per_disc(),
+        ax=per_disc(), ay=per_disc(), aspin=per_disc(),
+        turn=per_disc(),
+        x0=per_disc(), y0=per_disc(),
+        wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
+        strain0=np.zeros(1), turns=np.zeros(1, np.int32),
+        closest=np.ones(2), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+    )  # fmt: skip
+
+
+def make_pairs(
+    pairs: NDArray[np.int64] | None = None, image: NDArray[np.int64] | None = None
+) -> Pairs:
+    """Return pairs (P, 2) with the images (P, 2) of their second discs, springs at rest."""
+    pairs = np.zeros((0, 2), np.int64) if pairs is None else pairs
+    image = np.zeros_like(pairs) if image is None else image
+    new = motion.empty_pairs(len(pairs))
+    new.i[:], new.j[:] = pairs.T
+    new.nx[:], new.ny[:] = image.T
+    return new
+
+
+def time_scale(model: Microgel, mass: FloatArray) -> tuple[float, float]:
+    """Return the spring constant k = πE/8 [N/m²] (S1-8) and τ = √(⟨m⟩/k) [s]."""
+    k = math.pi * model.young_modulus / 8
+    return k, math.sqrt(mass.mean() / k)
+
+
+def make_constants(
+    point: MicrogelPoint, discs: Discs, width: float, height: float, period: float
+) -> Constants:
+    """Return the constants of a run from the physical parameters (manual, part 1, section 5)."""
+    model = point.model
+    k, _ = time_scale(model, discs.mass)
+    eta = model.relative_viscosity * math.sqrt(discs.mass.mean() * k)
+    ratio = model.tangential_ratio
+
+    def springs(normal: float, tangential: float) -> tuple[float, float, float, float]:
+        viscous = (normal, tangential) if model.scale_viscosity else (1.0, 1.0)
+        return k * normal, k * ratio * tangential, eta * viscous[0], eta * ratio * viscous[1]
+
+    contact = springs(model.contacts.normal_factor, model.contacts.tangential_factor)
+    link = springs(model.links.normal_factor, model.links.tangential_factor)
+    _, p = laws.law_of(model.contact_law)
+    damping = -math.log(model.damping.decay) / period
+    # Two of the lightest discs in contact: 1/m_eff is 2/m along the normal, and 6/m along the
+    # tangent, as discs also turn (r²/I = 2/m).
+    light = discs.mass.min()
+    normal_k, tangent_k = max(contact[0], link[0]), max(contact[1], link[1])
+    normal_eta, tangent_eta = max(contact[2], link[2]), max(contact[3], link[3])
+    stiffest = math.sqrt(2 * normal_k / light)
+    turning = math.sqrt(6 * tangent_k / light) if needs_tangential(model) else 0.0
+    dashpot = max(2 * normal_eta, 6 * tangent_eta) / light
+    return Constants(
+        width=float(width),
+        height=float(height),
+        periodic=point.cell.boundary != "open",
+        k=contact[0], kt=contact[1], eta=contact[2], etat=contact[3],
+        link_k=link[0], link_kt=link[1], link_eta=link[2], link_etat=link[3],
+        friction=float(model.friction),
+        law=p,
+        may_pull=model.dashpot == "attractive",
+        stretched_dashpot=model.links.stretched_tangential_dashpot,
+        sliding=COULOMB if model.sliding == "coulomb" else RESET,
+        contact_arms_in_velocity=model.lever_arms == "conjugate",
+        contact_arms_in_torque=model.lever_arms != "otsuki2017",
+        damping=damping,
+        spin_damping=0.0 if model.damping.spin == "none" else damping,
+        spin_target=0.5 if model.damping.spin == "zero" else 0.0,
+        affine=model.drive == "affine",
+        skin=SKIN * float(discs.radius.mean()),
+        step_stiffness=0.8 / stiffest,
+        step_dashpot=1.0 / max(2.0 * dashpot, turning / 1.2, 1e-300),
+        step_strain=0.03,
+    )  # fmt: skip
+
+
+def make_clock(shear: Shear, period: float, steps: int, every: int) -> Clock:
+    """Return the protocol in whole steps."""
+    begin = round(shear.pre_periods * steps)
+    end = begin + max(1, round(shear.periods * steps))
+    step = period / steps
+    if isinstance(shear, OscillatoryShear):
+        kind, amplitude = OSCILLATION, shear.strain_amplitude
+    else:
+        kind, amplitude = STEADY, math.copysign(shear.strain / (end - begin), shear.relative_rate)
+    return Clock(step, begin, end, kind, steps, float(amplitude), every)
+
+
+class MicrogelSimulation:
+    """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
+
+    def __init__(
+        self,
+        point: MicrogelPoint,
+        kernels: ModuleType,
+        discs: Discs,
+        pairs: Pairs,
+        n_links: int,
+        constants: Constants,
+        clock: Clock,
+        preparation: dict[str, Any],
+    ) -> None:
+        self.point, self.kernels = point, kernels
+        self.discs, self.pairs, self.n_links = discs, pairs, n_links
+        self.constants, self.clock = constants, clock
+        self.preparation = preparation
+        self.work = make_work(len(discs.x))
+        self.steps = clock.end + round(point.shear.post_periods * clock.per_period)
+        self.done = 0
+        self.substeps = 0
+        self._table = np.empty((self.rows, len(ROW)))
+
+    @property
+    def rows(self) -> int:
+        """Number of records of the whole protocol."""
+        return self.steps // self.clock.every + 1
+
+    def advance(self, rows: int) -> None:
+        """Make the next records."""
+        until = min(self.done + rows, self.rows)
+        first = max(self.done - 1, 0) * self.clock.every
+        last = (until - 1) * self.clock.every
+        self.pairs, filled, substeps, status = self.kernels.run(
+            self.discs, self.work, self.pairs, self.n_links, self.constants, self.clock,
+            first, last, self.point.integrator.scheme == "semi_implicit_euler",
+            self._table[self.done : until],
+        )  # fmt: skip
+        self.done += filled
+        self.substeps += substeps
+        if status != RUNNING:
+            raise SimulationError(self._diagnosis())
+
+    def _diagnosis(self) -> str:
+        time, strain = self._table[self.done - 1, :2]
+        bad = np.flatnonzero(~np.isfinite(self.discs.x + self.discs.y))
+        disc = f"disc {bad[0]}" if len(bad) else "a stress"
+        return (
+            f"{disc} is no longer finite at t = {time:g} s (strain {strain:.4g}): raise "
+            f"integrator.steps_per_period = {self.clock.per_period}"
+        )
+
+    def columns(self) -> Columns:
+        """Return the stored columns of the records made so far."""
+        return {n: self._table[: self.done, c].copy() for c, n in enumerate(ROW)}
+
+    def summary(self) -> dict[str, Any]:
+        """Return derived constants, protocol, preparation and self-checks."""
+        c, clock, shear = self.constants, self.clock, self.point.shear
+        k, tau = time_scale(self.point.model, self.discs.mass)
+        period = clock.step * clock.per_period
+        protocol: dict[str, Any] = {
+            "kind": shear.kind,
+            "period": period,
+            "steps_per_period": clock.per_period,
+            "time_step": clock.step,
+            "shear_start": clock.begin * clock.step,
+            "shear_end": clock.end * clock.step,
+            "end": self.steps * clock.step,
+            "periods": (clock.end - clock.begin) / clock.per_period,
+        }
+        if isinstance(shear, OscillatoryShear):
+            protocol["strain_amplitude"] = shear.strain_amplitude
+        else:
+            protocol["strain"] = clock.amplitude * (clock.end - clock.begin)
+            protocol["strain_rate"] = clock.amplitude / clock.step
+        area = float(np.pi * (self.discs.radius**2).sum())
+        return {
+            "derived": {
+                "spring_constant": k,
+                "time_constant": tau,
+                "frequency": 1 / period,
+                "normal_viscosity": c.eta,
+                "tangential_viscosity": c.etat,
+                "mean_mass": float(self.discs.mass.mean()),
+                "large_radius": float(self.discs.radius.max()),
+                "small_radius": float(self.discs.radius.min()),
+                "width": c.width,
+                "height": c.height,
+                "packing_fraction": area / (c.width * c.height),
+                "damping_rate": c.damping,
+            },
+            "protocol": protocol,
+            "preparation": self.preparation,
+            "checks": self._checks(),
+        }
+
+    def _checks(self) -> dict[str, float]:
+        """Self-checks of the records: largest relative errors of what must hold exactly."""
+        column = dict(zip(ROW, self._table[: self.done].T, strict=True))
+
+        def asymmetry(name: str, torque: str) -> float:
+            tensor = [np.abs(column[f"{name}_{ab}"]) for ab in ("xx", "xy", "yx", "yy")]
+            scale = np.max(np.sum(tensor, axis=0))
+            xy = column[f"{name}_xy"] - column[torque]
+            yx = column[f"{name}_yx"] + column[torque]
+            return float(np.abs(xy - yx).max() / scale) if scale > 0 else 0.0
+
+        d, clock = self.discs, self.clock
+        momentum = np.hypot((d.mass * d.cx).sum(), (d.mass * d.cy).sum())
+        speed = motion.peak_rate(clock, clock.kind) * self.constants.height
+        return {
+            "asymmetry_periodic": asymmetry("periodic_love_weber", "periodic_torque_yx"),
+            "asymmetry_internal": asymmetry("love_weber", "internal_torque_yx"),
+            "love_weber_identity": float(self.work.check[0]),
+            "momentum": float(momentum / (d.mass.sum() * speed)),
+            "substeps": self.substeps,
+            "steps": self.steps,
+        }
+
+
+def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
+    """Make the packing of a point, bring it to rest, link it, and bring it to rest again."""
+    model, rest = point.model, point.packing.equilibration
+    start = start_discs(point.packing, point.cell, streams)
+    discs = make_discs(start.position, start.radius, density=point.packing.density)
+    k, tau = time_scale(model, discs.mass)
+    period = tau / point.shear.relative_frequency
+    constants = make_constants(point, discs, start.width, start.height, period)
+    work = make_work(len(discs.x))
+    unit = k * 2 * float(discs.radius.mean())  # of force, k⟨D⟩
+
+    law, _ = laws.law_of(model.contact_law)
+    # Friction-free equilibration: the bounded linear law first, as random starts overlap deeply.
+    steps = 0
+    pairs = make_pairs()
+    linear = constants._replace(law=(0.0, *constants.law[1:]))
+    for kernels, stage, tolerance in (
+        (kernels_for(laws.divergent, tangential=False), linear, 1e-3),
+        (kernels_for(law, tangential=False), constants, rest.force_tolerance),
+    ):
+        pairs, made, force = kernels.relax(
+            discs, work, pairs, 0, stage, tolerance * unit, rest.max_steps
+        )
+        steps += made
+    preparation: dict[str, Any] = {"relaxation_steps": steps, "relaxed_force": force / unit}
+
+    n_links = 0
+    if model.links.cut != "none":
+        motion.renew_pairs(discs, work, make_pairs(), 0, constants, 0.0)
+        position = np.column_stack([discs.x, discs.y])
+        network = touching_pairs(position, discs.radius, (start.width, start.height))
+        linked, report = make_links(network, model.links, streams)
+        pairs = make_pairs(network.pairs[linked], network.image[linked])
+        n_links = len(pairs.i)
+        preparation |= report
+    else:
+        pairs = make_pairs()
+
+    kernels = kernels_for(law, needs_tangential(model))
+    pairs, settled = _settle(point, kernels, discs, pairs, n_links, constants, tau)
+    preparation |= settled
+    if point.cell.boundary == "plates":
+        glue(discs, start.height)
+        preparation["glued_discs"] = int((discs.plate != 0).sum())
+
+    clock = make_clock(point.shear, period, point.steps_per_period, point.record.every)
+    return MicrogelSimulation(point, kernels, discs, pairs, n_links, constants, clock, preparation)
+
+
+def glue(discs: Discs, height: float) -> None:
+    """Glue discs that touch the top or bottom edge to the rigid plate there."""
+    discs.plate[discs.y <= discs.radius] = -1
+    discs.plate[discs.y >= height - discs.radius] = 1
+    for array in (discs.cx, discs.cy, discs.spin):
+        array[discs.plate != 0] = 0.0
+
+
+def _settle(
+    point: MicrogelPoint,
+    kernels: ModuleType,
+    discs: Discs,
+    pairs: Pairs,
+    n_links: int,
+    constants: Constants,
+    tau: float,
+) -> tuple[Pairs, dict[str, Any]]:
+    """Let a linked, frictional packing come to rest at zero strain, in damped dynamics."""
+    rest = point.packing.equilibration
+    k, _ = time_scale(point.model, discs.mass)
+    unit = k * 2 * float(discs.radius.mean())
+    energy_unit = k * 4 * float(discs.radius.mean()) ** 2
+    damped = constants._replace(
+        damping=REST_DAMPING / tau, spin_damping=REST_DAMPING / tau, spin_target=0.0
+    )
+    work = make_work(len(discs.x))
+    block = 50
+    clock = Clock(0.2 * tau, 0, 0, OSCILLATION, 100, 0.0, block)
+    rows = np.empty((2, len(ROW)))
+    steps = 0
+    while True:
+        pairs, *_ = kernels.run(discs, work, pairs, n_links, damped, clock, 0, 0, False, rows)
+        force = float(np.hypot(work.fx, work.fy).max()) / unit
+        turning = float((np.abs(work.torque) / discs.radius).max()) / unit
+        speed2 = discs.cx**2 + discs.cy**2
+        energy = 0.5 * (discs.mass * speed2 + discs.inertia * discs.spin**2).mean() / energy_unit
+        at_rest = (
+            max(force, turning) <= 2 * rest.force_tolerance and energy <= rest.energy_tolerance
+        )
+        if at_rest or steps >= rest.max_steps:
+            break
+        pairs, _, _, status = kernels.run(
+            discs, work, pairs, n_links, damped, clock, 0, block, False, rows
+        )
+        if status != RUNNING:
+            msg = "the packing exploded while it came to rest"
+            raise SimulationError(msg)
+        steps += block
+    # A drift of the whole packing is not motion of the packing.
+    for velocity in (discs.cx, discs.cy):
+        velocity -= (discs.mass * velocity).sum() / discs.mass.sum()
+    return pairs, {
+        "settling_steps": steps,
+        "unbalanced_force": max(force, turning),
+        "kinetic_energy": float(energy),
+        "at_rest": bool(at_rest),
+    }
+
+
+def compile_kernels(points: Sequence[MicrogelPoint]) -> None:
+    """Compile the kernels of every contact law in ``points``: a few steps of a small packing."""
+    small = Packing(discs=20, packing_fraction=1.0)
+    brief = OscillatoryShear(pre_periods=0, periods=0.02, post_periods=0)
+    wanted = {p.model.contact_law.model_dump_json(): p.model.contact_law for p in points}
+    for law in wanted.values():
+        for links in (Links(cut="bulk"), Links(cut="none")):
+            model = Microgel(contact_law=law, links=links, friction=0.0)
+            point = MicrogelPoint(model=model, packing=small, shear=brief)
+            prepare(point, Streams(0, 0)).advance(2)

@@ -1,0 +1,121 @@
+"""State of a microgel simulation: the tuples of arrays and constants that the kernels share."""
+
+from typing import NamedTuple
+
+from shear_sim.cell import Floats, Ints
+from shear_sim.models.microgel.laws import LawParameters
+
+# Columns of a record, in the order of ``record``.
+ROW = (
+    "time", "strain", "strain_rate",
+    "periodic_love_weber_xx", "periodic_love_weber_xy",
+    "periodic_love_weber_yx", "periodic_love_weber_yy", "periodic_torque_yx",
+    "love_weber_xx", "love_weber_xy", "love_weber_yx", "love_weber_yy", "internal_torque_yx",
+    "external_xx", "external_xy", "external_yx", "external_yy",
+    "torque_yx", "centrifugal_xx", "peculiar_xx", "peculiar_xy", "peculiar_yy",
+    "coordination", "sliding_fraction",
+)  # fmt: skip
+WIDTH = len(ROW)
+
+OPEN, STICK, SLIDE = 0, 1, 2  # state of a pair
+REST, OSCILLATION, STEADY = 0, 1, 2  # segments of a protocol
+RUNNING, NOT_FINITE = 0, 1  # status of a run
+
+COULOMB, RESET = 0, 1
+
+
+class Discs(NamedTuple):
+    """State of N discs; every array has shape (N,)."""
+
+    x: Floats  # position in the cell [m]
+    y: Floats
+    cx: Floats  # peculiar velocity [m/s]
+    cy: Floats
+    spin: Floats  # peculiar spin ω + γ̇/2 [1/s]
+    radius: Floats  # [m]
+    mass: Floats  # per metre of depth [kg/m]
+    inertia: Floats  # [kg m]
+    plate: Ints  # 0 free, +1 glued to the top plate, −1 to the bottom plate
+
+
+class Work(NamedTuple):
+    """Forces and predictions of the current instant; arrays of shape (N,) unless said."""
+
+    px: Floats  # predicted peculiar velocity and spin: what velocity-dependent forces see
+    py: Floats
+    pspin: Floats
+    fx: Floats  # contact force [N/m] and torque [N]
+    fy: Floats
+    torque: Floats
+    ax: Floats  # acceleration of (cx, cy, spin)
+    ay: Floats
+    aspin: Floats
+    turn: Floats  # rotation of each disc in the step that ends now
+    x0: Floats  # position when the neighbour list was made
+    y0: Floats
+    wx: Ints  # image of the cell that a disc is in (records)
+    wy: Ints
+    strain0: Floats  # (1,) strain when the neighbour list was made
+    turns: Ints  # (1,) whole widths by which the cell is re-gridded
+    closest: Floats  # (2,) d² and D² of the relatively most compressed pair
+    tensors: Floats  # (14,) sums of ``contact_forces`` for a record
+    row: Floats  # (2,) touching pairs and sliding pairs
+    check: Floats  # (1,) largest relative error of identity S1-19 in any record
+
+
+class Pairs(NamedTuple):
+    """Links (the first ``n_links``) and neighbour pairs; arrays of shape (P,)."""
+
+    i: Ints
+    j: Ints
+    nx: Ints  # image of j
+    ny: Ints
+    spring: Floats  # tangential elongation ξ [m]
+    spring_back: Floats  # the second elongation of the historical rule [m]
+    ex: Floats  # unit vector from i to j at the last force evaluation
+    ey: Floats
+    d: Floats  # and distance [m]
+    state: Ints
+
+
+class Constants(NamedTuple):
+    """Everything that stays the same during a run (SI, per metre of depth)."""
+
+    width: float
+    height: float
+    periodic: bool
+    k: float  # contacts: normal spring [N/m²]
+    kt: float
+    eta: float  # and dashpot [N s/m²]
+    etat: float
+    link_k: float
+    link_kt: float
+    link_eta: float
+    link_etat: float
+    friction: float
+    law: LawParameters
+    may_pull: bool  # the normal dashpot of a contact may attract
+    stretched_dashpot: bool  # tangential dashpot of a link with d ≥ D
+    sliding: int
+    contact_arms_in_velocity: bool
+    contact_arms_in_torque: bool
+    damping: float  # λ [1/s]
+    spin_damping: float  # λ or 0
+    spin_target: float  # s₀ / γ̇: 0 or 1/2
+    affine: bool  # SLLOD, or driven at the edges alone
+    skin: float  # [m]
+    step_stiffness: float  # longest substep × √(stiffness / mass) at d = D [s]
+    step_dashpot: float  # longest substep that the dashpots allow [s]
+    step_strain: float  # longest substep in strain [-]
+
+
+class Clock(NamedTuple):
+    """The protocol in whole steps: rest, shear from ``begin`` to ``end``, rest."""
+
+    step: float  # H [s]
+    begin: int
+    end: int
+    kind: int
+    per_period: int
+    amplitude: float  # strain amplitude, or strain per step
+    every: int  # steps between records

@@ -100,6 +100,6 @@ def aggregate_study(folder: Path | str, *, figures: bool = False) -> "dict[str, 
     dict of pandas.DataFrame
         By name; the same as in ``results/<study>/tables``.
     """
-    from shear_sim import aggregate
+    from shear_sim.aggregate import aggregate
 
-    return aggregate.aggregate(Path(folder), figures=figures)
+    return aggregate(folder, figures=figures)

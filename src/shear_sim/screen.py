@@ -41,6 +41,13 @@ class Screen:
         else:
             print(text, flush=True)
 
+    def prepare(self, what: str) -> None:
+        """Show that ``what`` still goes on before the first job."""
+        now = time.monotonic()
+        if now >= self._last_line + LINE_SECONDS:
+            self._last_line = now
+            self.say(f"  {what}, {duration(now - self._started)} passed")
+
     def start(self, total: int) -> None:
         """Begin to count ``total`` jobs."""
         self._started = self._last_line = time.monotonic()

@@ -304,7 +304,7 @@ class _Sweep:
         self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
         self.done = 0
         self.failed: dict[str, Failure] = {}
-        self.ready = False
+        self.ready = self.started = False
         self.next_look = 0.0
         self.restarts = 0
         self.signal: int | None = None
@@ -313,7 +313,6 @@ class _Sweep:
     def run(self, received: list[int], log: IO[bytes]) -> None:
         """Keep the workers busy until nothing is left or somebody says stop."""
         self.log = log
-        self.screen.start(len(self.plan.run))
         self.workers = self._new_workers()
         give_up = float("inf")
         try:
@@ -339,6 +338,9 @@ class _Sweep:
 
     def _show(self) -> None:
         self.next_look = time.monotonic() + TICK_SECONDS
+        if not self.ready:
+            self.screen.prepare("preparing the kernels")
+            return
         left = self.wall_s.total(self.remaining)
         if left is not None:
             left /= self.plan.workers
@@ -355,6 +357,9 @@ class _Sweep:
                     "compiling the kernels: once for this version, study and processor, then kept"
                 )
             case Ready():
+                if not self.started:
+                    self.started = True
+                    self.screen.start(len(self.plan.run))
                 self.ready = True
                 for _ in range(min(self.plan.workers, len(self.todo))):
                     self._give(self.workers.add())

@@ -143,7 +143,7 @@ def run(
         if job is not None:
             msg = "--job goes with a study file; a result file is one job already"
             raise typer.BadParameter(msg)
-        path, differences = single.repeat(target, results)
+        path, differences = single.repeat(target, results, _tell)
         typer.echo(f"computed again: {path}")
         for difference in differences:
             typer.echo(f"  differs: {difference}")
@@ -153,7 +153,7 @@ def run(
     if job is None:
         msg = f"--job ID is missing: one of the {len(loaded.jobs())} jobs of {target}"
         raise typer.BadParameter(msg)
-    path, failure = single.run_one(loaded, job, _results(loaded, results))
+    path, failure = single.run_one(loaded, job, _results(loaded, results), _tell)
     if failure is not None:
         typer.echo(f"failed: job {failure.job} ({failure.kind}): {failure.reason}")
         raise typer.Exit(1)
@@ -217,6 +217,12 @@ def aggregate(
     print_summary(aggregation.aggregate(results, figures=figures))
     written = ("tables", "figures") if figures else ("tables",)
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
+
+
+def _tell() -> None:
+    from shear_sim.screen import COMPILING
+
+    typer.echo(COMPILING)
 
 
 def _stop(*_: object) -> NoReturn:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+COMPILING = "compiling the kernels: once for this version, study and processor, then kept"
 LINE_SECONDS = 10.0  # between two progress lines where there is no terminal
 
 

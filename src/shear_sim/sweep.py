@@ -20,7 +20,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from shear_sim.compiled import cache_folder
 from shear_sim.results import Failure, Results
-from shear_sim.screen import Screen, duration, size
+from shear_sim.screen import COMPILING, Screen, duration, size
 from shear_sim.tables import remove_partial
 from shear_sim.workers import (
     Compiling,
@@ -353,9 +353,7 @@ class _Sweep:
     def _take(self, event: Event) -> None:
         match event:
             case Compiling():
-                self.screen.say(
-                    "compiling the kernels: once for this version, study and processor, then kept"
-                )
+                self.screen.say(COMPILING)
             case Ready():
                 if not self.started:
                     self.started = True
@@ -405,6 +403,9 @@ class _Sweep:
             return
         job = self.plan.run[self.busy.pop(worker)]
         self.remaining[self.plan.points[job.id]] -= 1
+        if self.plan.results.job_file(job.id).exists():
+            self.done += 1  # it died between its last deed and telling of it
+            return
         reason = f"its process ended with exit code {status}"
         name = None
         if status < 0:

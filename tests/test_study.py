@@ -4,6 +4,8 @@ import contextlib
 import hashlib
 import json
 import pickle
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shear_sim import models
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.study import Job, Study, StudyError, load_study, read_study
 
@@ -404,7 +407,7 @@ def test_all_problems_come_at_once_with_line_key_value_and_remedy():
         "6: model.contact_law.begin = 0.9: begin 0.9 is above end 0.8",
         "7: friction = 1: unknown key: did you mean model.friction?",
         "10: model.links.remove_fraction = 50: must be at most 1 (a fraction, not percent: 0.5?)",
-        "14: shear.strain_amplitude = 0.01: unknown key",
+        "14: shear.strain_amplitude = 0.01: is no key of this kind of shear: known are kind",
         "15: shear.kind = steady: relative_rate is required (strain rate",
         "16: cell.width = 500: must be at most 100 (in metres, not micrometres: 0.0005?)",
     ):
@@ -558,6 +561,36 @@ _TREES = st.recursive(
 def test_any_mapping_is_a_study_or_a_clear_error(data):
     with contextlib.suppress(StudyError):
         assert study(json.dumps(data)).points
+
+
+# --- Models --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", models.KINDS)
+def test_every_model_exports_what_the_runner_knows(kind):
+    package = models.model(kind)
+    assert package.POINT().kind == kind
+    assert package.PHYSICS_VERSION >= 1
+    for columns in (package.COLUMNS, package.DERIVED):
+        names = [column.name for column in columns]
+        assert len(set(names)) == len(names)
+    assert package.COLUMNS[0].name == "time"
+
+
+def test_an_unknown_model_is_refused():
+    with pytest.raises(KeyError, match="no model 'foam': one of microgel"):
+        models.model("foam")
+
+
+def test_reading_a_study_is_light():
+    """Planning must not wait for what only simulations and designs need."""
+    code = (
+        "import sys; from shear_sim.study import load_study; load_study(sys.argv[1]).jobs();"
+        "sys.exit(str({'numba', 'scipy', 'pandas', 'pyarrow'} & {*sys.modules} or 0))"
+    )
+    command = [sys.executable, "-c", code, str(CONFIGS / "quick.yaml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == "0"
 
 
 # --- Study files that come with the package ------------------------------------------------------

@@ -148,7 +148,7 @@ def aggregate(folder: Path | str, *, figures: bool = True) -> "dict[str, pd.Data
 
 def _scene_order(study_file: Path) -> list[str]:
     """Return the scenes in the order of the study file: the one that its author thinks in."""
-    from shear_sim.config import read_yaml
+    from shear_sim.document import read_yaml
 
     scenes = read_yaml(study_file.read_bytes(), study_file).data.get("scenes") or {}
     return list(scenes)

@@ -299,7 +299,7 @@ def main() -> NoReturn:
 
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
-    from shear_sim.config import StudyError
+    from shear_sim.document import StudyError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError

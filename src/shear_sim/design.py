@@ -15,7 +15,8 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from shear_sim.config import Complaint, Key, one_of, round12
+from shear_sim.config import Complaint, one_of
+from shear_sim.document import Key, round12
 from shear_sim.schema import Impossible, Section
 from shear_sim.streams import Streams
 

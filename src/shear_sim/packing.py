@@ -16,14 +16,16 @@ from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 
+MAX_DISCS = 100_000
+
 
 class Cell(Section):
     """The simulated cell and what happens at its edges."""
 
-    width: Annotated[float, Field(gt=0, le=100, description="L_x [m]"), MICROMETRES] = 500e-6
+    width: Annotated[float, Field(ge=1e-12, le=100, description="L_x [m]"), MICROMETRES] = 500e-6
     height: Annotated[
         float | None,
-        Field(gt=0, le=100, description="L_y [m]; default: the width (hexagonal: derived)"),
+        Field(ge=1e-12, le=100, description="L_y [m]; default: the width (hexagonal: derived)"),
         MICROMETRES,
     ] = None
     boundary: Annotated[
@@ -45,7 +47,7 @@ class Equilibration(Section):
         Positive, Field(description="kinetic energy per disc / (k⟨D⟩²)")
     ] = 1e-18
     max_steps: Annotated[
-        int, Field(gt=0, description="limit for each of the two equilibrations")
+        int, Field(ge=0, description="limit of each of the two equilibrations; 0: start as it is")
     ] = 100_000
 
 
@@ -56,7 +58,7 @@ class Packing(Section):
         Literal["random", "hexagonal", "file"],
         Field(description="uniform random positions, a hexagonal crystal, or a start file"),
     ] = "random"
-    discs: Annotated[int, Field(ge=1, description="N; ⌈N/2⌉ are large")] = 150
+    discs: Annotated[int, Field(ge=1, le=MAX_DISCS, description="N; ⌈N/2⌉ are large")] = 150
     packing_fraction: Annotated[
         float,
         Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent"),
@@ -180,8 +182,8 @@ def check_cell(cell: Cell, packing: Packing) -> None:
     excess = (4 * large / side) ** 2
     fraction = math.floor(1000 * packing.packing_fraction / excess) / 1000
     advice = f"packing.packing_fraction at most {fraction:g}"
-    if packing.start == "random":
-        discs = math.ceil(packing.discs * excess)
+    discs = math.ceil(packing.discs * excess)
+    if packing.start == "random" and discs < MAX_DISCS:
         while radii(packing.model_copy(update={"discs": discs}), area)[0] > side / 4:
             discs += 1
         advice = f"packing.discs at least {discs}, or {advice}"

@@ -63,7 +63,8 @@ def run_job(job: "Job", folder: Path) -> Path:
     }
     summary |= summarise({**columns, **model.derive(columns)}, summary["protocol"])
     summary["run"] = {**clock.read(), **environment(), "files": what["files"]}
-    write_table(path, columns, model.COLUMNS, summary)
+    chosen = job.point.recorded or tuple(columns)
+    write_table(path, {name: columns[name] for name in chosen}, model.COLUMNS, summary)
     return path
 
 

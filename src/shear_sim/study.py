@@ -10,26 +10,25 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from shear_sim import models
-from shear_sim.config import (
+from shear_sim.config import Complaint, all_complaints, complaints, one_of, sections_of
+from shear_sim.design import KEYS, Change, Changes, Design, apply, changes_of, expand
+from shear_sim.document import (
     NOTHING,
-    Complaint,
     Document,
     Key,
     Problem,
     StudyError,
-    complaints,
     dotted,
-    one_of,
     read_yaml,
     round12,
 )
-from shear_sim.design import KEYS, Change, Changes, Design, apply, changes_of, expand
 from shear_sim.models.interface import Point
 from shear_sim.schema import Section
 from shear_sim.streams import Streams
@@ -63,7 +62,7 @@ class Job:
     def create(cls, point: Point, seed: int, replicate: int, labels: Labels = ()) -> "Job":
         """Return the job of ``point``, its floats rounded to 12 significant digits."""
         point = type(point).model_validate(_rounded(point.model_dump()))
-        key = _point_json(point)
+        key = _canonical(parameters(point))
         return cls(_job_id(point.kind, key, seed, replicate), point, seed, replicate, labels)
 
     @property
@@ -79,7 +78,7 @@ class Job:
     @property
     def point_id(self) -> str:
         """Id of the point: the same for all replicates and seeds."""
-        return _point_id(self.point.kind, _point_json(self.point))
+        return _point_id(self.point.kind, _canonical(self.parameters))
 
     def to_json(self) -> dict[str, Any]:
         """Return everything needed to repeat this job, JSON-ready."""
@@ -228,22 +227,27 @@ def read_study(content: bytes, path: Path) -> Study:
         seed=design.seed,
         replicates=design.replicates,
         points=tuple(sorted(points, key=lambda point: point.id)),
-        varied=tuple(_varied([json.loads(point.json) for point in points])),
+        varied=tuple(_varied(list(reader.values.values()))),
         files=tuple(sorted(reader.files)),
     )
 
 
 def parameters(point: Point) -> dict[str, Any]:
     """Return every resolved parameter of ``point``, JSON-ready, without paths of files."""
-    return _without_paths(point.model_dump(mode="json"))
+    return point.model_dump(mode="json", exclude=_paths(type(point)))
 
 
-def _without_paths(section: dict[str, Any]) -> dict[str, Any]:
-    return {
-        name: _without_paths(value) if isinstance(value, dict) else value
-        for name, value in section.items()
-        if name != "file"
-    }
+@cache
+def _paths(section: type[BaseModel]) -> dict[str, Any]:
+    """Return the fields named ``file`` of a section and those below, as pydantic excludes them."""
+    found: dict[str, Any] = {"file": True} if "file" in section.model_fields else {}
+    for name, info in section.model_fields.items():
+        inner: dict[str, Any] = {}
+        for option in sections_of(info.annotation):
+            inner |= _paths(option)
+        if inner:
+            found[name] = inner
+    return found
 
 
 def _rounded(value: Any) -> Any:
@@ -252,9 +256,9 @@ def _rounded(value: Any) -> Any:
     return round12(value) if isinstance(value, float) else value
 
 
-def _point_json(point: Point) -> str:
-    """Return the canonical JSON of a point: sorted keys, shortest floats."""
-    return json.dumps(parameters(point), sort_keys=True, separators=(",", ":"), allow_nan=False)
+def _canonical(values: dict[str, Any]) -> str:
+    """Return the one JSON text of ``values``: sorted keys, shortest floats."""
+    return json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def _job_id(kind: str, point: str, seed: int, replicate: int) -> str:
@@ -307,6 +311,13 @@ class _Reader:
         self.problems: dict[tuple[object, ...], Problem] = {}
         self.files: set[Path] = set()
         self._content: dict[Path, bytes] = {}
+        self.values: dict[str, dict[str, Any]] = {}  # parameters of the points, by their JSON
+        # Most studies read no file, and looking for one at every point takes time.
+        self._names_files = any(
+            str(part).rsplit(".", 1)[-1] in {"file", "file_digest", "source"}
+            for key in document.lines
+            for part in key[-1:]
+        )
         self._base = {name: v for name, v in document.data.items() if name not in KEYS}
 
     def design(self) -> Design:
@@ -341,7 +352,9 @@ class _Reader:
             point = self._point(variant.changes)
             if point is None:
                 continue
-            key = _point_json(point)
+            values = parameters(point)
+            key = _canonical(values)
+            self.values[key] = values
             old = found.get(key)
             labels = (*old.labels, variant.label) if old else (variant.label,)
             labels = tuple(dict.fromkeys(labels))
@@ -371,10 +384,10 @@ class _Reader:
         try:
             point = model.model_validate(data)
             _check_columns(point)
-            if files := tuple(self._read_files(point)):
+            if self._names_files and (files := tuple(self._read_files(point))):
                 point = model.model_validate(apply(data, files))
         except ValidationError as error:
-            for complaint in _all_complaints(error, model, data):
+            for complaint in all_complaints(error, model, data, KEYS):
                 if complete or len(complaint.keys) == 1:
                     self._report(complaint, data, changes)
         except _Fault as fault:
@@ -443,13 +456,17 @@ class _Fault(Exception):  # noqa: N818 - never leaves this module
 
 
 def _check_columns(point: Point) -> None:
-    """Refuse columns that the model does not store."""
-    columns = point.model_dump(include={"record": {"columns"}}).get("record", {}).get("columns")
+    """Refuse columns that the model does not store, or that are named twice."""
+    columns = getattr(getattr(point, "record", None), "columns", None)
     known = [column.name for column in models.model(point.kind).COLUMNS]
     for i, name in enumerate(columns or ()):
         if name not in known:
             message = f"{name} is no stored column: {one_of(name, known)}"
-            raise _Fault(Complaint((("record", "columns", i), ("record", "columns")), message))
+        elif name in columns[:i]:
+            message = f"{name} is named twice"
+        else:
+            continue
+        raise _Fault(Complaint((("record", "columns", i), ("record", "columns")), message))
 
 
 def _origin(key: Key, changes: Changes) -> Key | None:
@@ -461,46 +478,3 @@ def _origin(key: Key, changes: Changes) -> Key | None:
         if change.key[: len(key)] == key:
             return change.origin
     return None
-
-
-def _all_complaints(
-    error: ValidationError, model: type[Point], data: dict[str, Any]
-) -> list[Complaint]:
-    """Return all complaints, also those that hide behind others.
-
-    A section is checked as a whole only if each of its values is right. So the values complained
-    of are taken out, which gives them their defaults, and the rest is checked again; complaints
-    that touch them say nothing then.
-    """
-    found: list[Complaint] = []
-    removed: set[Key] = set()
-    while True:
-        new = [
-            complaint
-            for complaint in complaints(error, model, KEYS)
-            if not any(key[:n] in removed for key in complaint.keys for n in range(len(key) + 1))
-        ]
-        if not new:
-            return found
-        found += new
-        for complaint in new:
-            for key in complaint.keys:
-                # Without its kind, a section's other keys mean nothing.
-                removed.add(key[:-1] if key[-1] == "kind" and len(key) > 1 else key)
-        for key in removed:
-            data = _without(data, key)
-        try:
-            model.model_validate(data)
-        except ValidationError as next_error:
-            error = next_error
-        else:
-            return found
-
-
-def _without(data: dict[str, Any], key: Key) -> dict[str, Any]:
-    first, *rest = key
-    if not isinstance(data, dict) or first not in data:
-        return data
-    if not rest:
-        return {name: value for name, value in data.items() if name != first}
-    return {**data, first: _without(data[first], tuple(rest))}

@@ -1,5 +1,6 @@
 """The physical models. Each is a package of its own; none imports another."""
 
+from functools import cache
 from importlib import import_module
 from typing import cast
 
@@ -9,6 +10,7 @@ KINDS = ("microgel",)
 DEFAULT_KIND = "microgel"
 
 
+@cache
 def model(kind: str) -> Model:
     """Return the package of one model, imported at the first call.
 

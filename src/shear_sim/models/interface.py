@@ -58,6 +58,11 @@ class Point(Section):
         """Name of the model, ``model.kind`` of the study file."""
         raise NotImplementedError(type(self).__name__)
 
+    @property
+    def recorded(self) -> tuple[str, ...] | None:
+        """Stored columns that the result table shall hold; None: all."""
+        return None
+
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation (packing, equilibration) and return it."""
         raise NotImplementedError(type(self).__name__)

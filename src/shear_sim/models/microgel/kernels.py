@@ -23,17 +23,19 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import wrap_count
 from shear_sim.compiled import jit
-from shear_sim.models.microgel.laws import Law, divergent
+from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
     accelerate,
     carry_plates,
     edge_kick,
+    energy_row,
     finish_row,
-    list_is_safe,
+    moved,
     peak_rate,
     renew_pairs,
     segment,
     strain_at,
+    tally,
 )
 from shear_sim.models.microgel.state import (
     COULOMB,
@@ -54,6 +56,24 @@ from shear_sim.models.microgel.state import (
 # no tangential forces: a scene without friction pays for no rotation.
 law: Law = divergent
 TANGENTIAL = True
+TALLY = False  # whether the energy balance is kept too
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+
+@jit
+def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
+    """Return the elastic energy ∫_d^D −law dr of a contact [J/m], by quadrature between kinks."""
+    total = 0.0
+    upper = D
+    for kink in (p[2] * D, p[1] * D, 0.0):
+        lower = min(max(kink, d), upper)
+        half = 0.5 * (upper - lower)
+        for n in range(NODES.shape[0]):
+            r = lower + half * (1.0 + NODES[n])
+            total -= WEIGHTS[n] * half * law(r, D, k, p)
+        upper = lower
+    return total
 
 
 @jit
@@ -98,6 +118,7 @@ def contact_forces(
     pxx = pxy = pyx = pyy = pt = 0.0
     ixx = ixy = iyx = iyy = it = 0.0
     exx = exy = eyx = eyy = 0.0
+    dashpot_n = dashpot_t = lost = stored = 0.0
 
     for q in range(pairs.i.shape[0]):
         i, j = pairs.i[q], pairs.j[q]
@@ -110,6 +131,8 @@ def contact_forces(
         if not (touching or link):
             pairs.state[q] = OPEN
             if TANGENTIAL:
+                if TALLY:
+                    lost += 0.5 * constants.kt * pairs.spring[q] * pairs.spring[q]
                 pairs.spring[q] = 0.0
                 pairs.spring_back[q] = 0.0
             continue
@@ -140,6 +163,12 @@ def contact_forces(
         normal = elastic + eta * vn
         if not (constants.may_pull or link):
             normal = min(normal, 0.0)
+        if TALLY:
+            dashpot_n += (normal - elastic) * vn
+            if touching:
+                stored += stored_energy(d, D, k, constants.law)
+            else:
+                stored += 0.5 * k * (d - D) * (d - D)
         along = 0.0
         arm = 0.0
         if TANGENTIAL:
@@ -194,6 +223,12 @@ def contact_forces(
                     spring_back = 0.0
                     state = SLIDE
                 along = 0.5 * (along + second)
+            if TALLY:
+                # What the spring took up on its way less what it holds (trapezoidal).
+                old = pairs.spring[q]
+                lost += 0.5 * kt * (old + spring) * (old + slid - spring)
+                stored += 0.5 * kt * spring * spring
+                dashpot_t += (along - kt * spring) * vt
             pairs.spring[q] = spring
             pairs.spring_back[q] = spring_back
             pairs.ex[q], pairs.ey[q], pairs.d[q] = ex, ey, d
@@ -250,6 +285,10 @@ def contact_forces(
         t[10], t[11], t[12], t[13] = exx, exy, eyx, eyy
         work.row[0] = touching_pairs
         work.row[1] = sliding_pairs
+    if TALLY:
+        work.power[1], work.power[2] = dashpot_n, dashpot_t
+        work.stored[0] = stored
+        work.energy[5] += lost
 
 
 @jit
@@ -293,7 +332,7 @@ def relax(
     steps = 0
     while steps < max_steps:
         steps += 1
-        if not list_is_safe(discs, work, constants, 0.0):
+        if not moved(discs, work, constants, 0.0) <= constants.skin:
             pairs = renew_pairs(discs, work, pairs, n_links, constants, 0.0)
         contact_forces(discs, work, pairs, n_links, constants, 0.0, 0.0, 0.0, False)
         largest2 = 0.0
@@ -408,6 +447,9 @@ def run(
         rows[0, 2] = rate
         offset = strain * height - work.turns[0] * width
         finish_row(discs, work, constants, offset, rate, rows[0])
+        if TALLY:
+            tally(discs, work, constants, rate, 0.0)
+            energy_row(discs, work, rows[0])
         filled = 1
     for k in range(first, last):
         now = segment(clock, k)
@@ -420,8 +462,10 @@ def run(
             for a in range(n):
                 work.px[a], work.py[a], work.pspin[a] = discs.cx[a], discs.cy[a], discs.spin[a]
             carry_plates(discs, work, constants, rate)
-            contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, False)
+            contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, TALLY)
             accelerate(discs, work, constants, rate)
+            if TALLY:
+                tally(discs, work, constants, rate, 0.0)
         pieces = 1
         longest = substep(constants, work, peak_rate(clock, now))
         while clock.step > longest * pieces and pieces < 4096:
@@ -460,9 +504,12 @@ def run(
                     work.pspin[a] = spin + half * aspin
             strain, rate = strain1, rate1
             carry_plates(discs, work, constants, rate)
-            if not list_is_safe(discs, work, constants, strain):
+            way = moved(discs, work, constants, strain)
+            if not way <= constants.skin:
+                if np.isnan(way):
+                    return pairs, filled, substeps, NOT_FINITE
                 pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
-            recording = record and piece == pieces - 1
+            recording = TALLY or (record and piece == pieces - 1)
             contact_forces(
                 discs, work, pairs, n_links, constants, strain, rate, h, recording,
             )  # fmt: skip
@@ -475,6 +522,8 @@ def run(
                         discs.spin[a] += half * work.aspin[a]
             if not constants.affine:
                 edge_kick(discs, constants, kick_rate)
+            if TALLY:
+                tally(discs, work, constants, rate, h)
             substeps += 1
         if record:
             row = rows[filled]
@@ -483,6 +532,8 @@ def run(
             row[2] = rate
             offset = strain * height - work.turns[0] * width
             finish_row(discs, work, constants, offset, rate, row)
+            if TALLY:
+                energy_row(discs, work, row)
             filled += 1
             if not np.isfinite(row[3] + row[6] + row[19] + row[21]):
                 return pairs, filled, substeps, NOT_FINITE

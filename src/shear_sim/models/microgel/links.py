@@ -25,12 +25,16 @@ class Network(NamedTuple):
     pairs: NDArray[np.int64]  # (P, 2) discs i < j
     image: NDArray[np.int64]  # (P, 2) image of j
     cell: tuple[float, float]  # width, height [m]
+    periodic: bool = True
 
     @property
     def branch(self) -> NDArray[np.float64]:
         """Vectors (P, 2) from i to the image of j [m]."""
         i, j = self.pairs.T
-        return self.position[j] + self.image * np.asarray(self.cell) - self.position[i]
+        branch: NDArray[np.float64] = (
+            self.position[j] + self.image * np.asarray(self.cell) - self.position[i]
+        )
+        return branch
 
 
 def make_links(network: Network, section: Links, streams: Streams) -> tuple[Bools, dict[str, Any]]:
@@ -151,11 +155,13 @@ def _between_cells(network: Network, section: Links, rng: np.random.Generator) -
     if section.cuts < 2:
         return np.zeros(len(network.pairs), bool)
     apart = network.position[:, None, :] - points
-    apart -= np.rint(apart / network.cell) * network.cell
+    if network.periodic:
+        apart -= np.rint(apart / network.cell) * network.cell
     distance = np.hypot(apart[..., 0], apart[..., 1])
     distance += section.edge_fuzziness * network.radius.max() * noise
     cell = distance.argmin(axis=1)
-    return cell[network.pairs[:, 0]] != cell[network.pairs[:, 1]]
+    apart_in: Bools = cell[network.pairs[:, 0]] != cell[network.pairs[:, 1]]
+    return apart_in
 
 
 def _across_lines(network: Network, section: Links, rng: np.random.Generator) -> Bools:
@@ -228,10 +234,20 @@ def _join_isolated(network: Network, linked: Bools, streams: Streams) -> tuple[B
 
 
 def touching_pairs(
-    position: NDArray[np.float64], radius: NDArray[np.float64], cell: tuple[float, float]
+    position: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    cell: tuple[float, float],
+    periodic: bool = True,
 ) -> Network:
-    """Return the network of all touching pairs at zero strain in a periodic cell."""
+    """Return the network of all touching pairs at zero strain."""
     x, y = np.ascontiguousarray(position.T)
-    _, i, j, nx, ny = find_pairs(x, y, radius, 0.0, *cell, 0.0)
+    if periodic:
+        width, height = cell
+    else:
+        # A cell so large that no image is near anybody.
+        x, y = x - x.min(), y - y.min()
+        width, height = x.max() + 4 * radius.max(), y.max() + 4 * radius.max()
+    _, i, j, nx, ny = find_pairs(x, y, radius, 0.0, width, height, 0.0)
     pairs = np.column_stack([i, j]).astype(np.int64)
-    return Network(position, radius, pairs, np.column_stack([nx, ny]).astype(np.int64), cell)
+    image = np.column_stack([nx, ny]).astype(np.int64)
+    return Network(position, radius, pairs, image, cell, periodic)

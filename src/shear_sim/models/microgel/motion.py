@@ -63,11 +63,6 @@ def peak_rate(clock: Clock, kind: int) -> float:
 
 
 @jit
-def _same_image(pairs: Pairs, q: int, j: int, nx: int, ny: int) -> bool:
-    return bool(pairs.j[q] == j and pairs.nx[q] == nx and pairs.ny[q] == ny)
-
-
-@jit
 def empty_pairs(n: int) -> Pairs:
     """Return ``n`` pairs without discs and without history."""
     return Pairs(
@@ -76,14 +71,6 @@ def empty_pairs(n: int) -> Pairs:
         spring=np.zeros(n), spring_back=np.zeros(n),
         ex=np.zeros(n), ey=np.zeros(n), d=np.zeros(n), state=np.zeros(n, np.int32),
     )  # fmt: skip
-
-
-@jit
-def keep_history(old: Pairs, p: int, new: Pairs, q: int) -> None:
-    """Copy springs and last geometry of pair ``p`` of the old list to pair ``q`` of the new."""
-    new.spring[q], new.spring_back[q] = old.spring[p], old.spring_back[p]
-    new.ex[q], new.ey[q], new.d[q] = old.ex[p], old.ey[p], old.d[p]
-    new.state[q] = old.state[p]
 
 
 @jit
@@ -122,50 +109,68 @@ def renew_pairs(
         work.y0[a] = discs.y[a]
     work.strain0[0] = strain
 
-    # Linked pairs are not contacts too (through another image they may be).
-    keep = np.ones(i.shape[0], np.bool_)
+    # Linked pairs are not contacts too (through another image they may be). The rest keep their
+    # history, found by discs and image; ``source`` is the old number of each new pair, or −1.
+    old_j, old_nx, old_ny = pairs.j, pairs.nx, pairs.ny
+    source = np.full(i.shape[0], -1, np.int32)
     kept = i.shape[0]
-    for q in range(n_links):
-        for c in range(start[pairs.i[q]], start[pairs.i[q] + 1]):
-            if _same_image(pairs, q, j[c], nx[c], ny[c]):
-                keep[c] = False
-                kept -= 1
-    new = empty_pairs(n_links + kept)
-    for q in range(n_links):
-        new.i[q], new.j[q], new.nx[q], new.ny[q] = pairs.i[q], pairs.j[q], pairs.nx[q], pairs.ny[q]
-        keep_history(pairs, q, new, q)
-    place = np.empty(i.shape[0], np.int32)
-    q = n_links
-    for c in range(i.shape[0]):
-        if keep[c]:
-            new.i[q], new.j[q], new.nx[q], new.ny[q] = i[c], j[c], nx[c], ny[c]
-            place[c] = q
-            q += 1
-    for old in range(n_links, pairs.i.shape[0]):
-        if pairs.state[old] == OPEN:
+    for q in range(pairs.i.shape[0]):
+        if q >= n_links and pairs.state[q] == OPEN:
             continue
-        for c in range(start[pairs.i[old]], start[pairs.i[old] + 1]):
-            if _same_image(pairs, old, j[c], nx[c], ny[c]):
-                keep_history(pairs, old, new, place[c])
+        for c in range(start[pairs.i[q]], start[pairs.i[q] + 1]):
+            if j[c] == old_j[q] and nx[c] == old_nx[q] and ny[c] == old_ny[q]:
+                source[c] = q
+                if q < n_links:
+                    kept -= 1
                 break
+    new = empty_pairs(n_links + kept)
+    fill = n_links
+    for c in range(-n_links, i.shape[0]):
+        if c < 0:  # the links come first, in their order
+            q = c + n_links
+            to = q
+        else:
+            q = source[c]
+            if 0 <= q < n_links:
+                continue
+            to = fill
+            fill += 1
+        if q >= 0:
+            new.i[to], new.j[to], new.nx[to], new.ny[to] = (
+                pairs.i[q],
+                old_j[q],
+                old_nx[q],
+                old_ny[q],
+            )
+            new.spring[to], new.spring_back[to] = pairs.spring[q], pairs.spring_back[q]
+            new.ex[to], new.ey[to], new.d[to] = pairs.ex[q], pairs.ey[q], pairs.d[q]
+            new.state[to] = pairs.state[q]
+        else:
+            new.i[to], new.j[to], new.nx[to], new.ny[to] = i[c], j[c], nx[c], ny[c]
     return new
 
 
 @jit
-def list_is_safe(discs: Discs, work: Work, constants: Constants, strain: float) -> bool:
-    """Tell whether no pair can touch that is not in the list.
+def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> float:
+    """Return by how much two discs may have approached since the pair list was made [m].
 
     What counts is the displacement relative to the affine flow, and the flow across one contact.
+    The list holds all touching pairs while this is at most the skin. Not a number, or more than
+    1000 cells, says that the motion has exploded.
     """
     change = strain - work.strain0[0]
     farthest = 0.0
+    total = 0.0
     for a in range(discs.x.shape[0]):
         y = discs.y[a]
         dx = discs.x[a] - work.x0[a] - change * (y - 0.5 * constants.height)
         dy = y - work.y0[a]
-        farthest = max(farthest, dx * dx + dy * dy)
-    flow = abs(change) * 2.0 * discs.radius.max()
-    return bool(2.0 * np.sqrt(farthest) + flow <= constants.skin)
+        r2 = dx * dx + dy * dy
+        farthest = max(farthest, r2)
+        total += r2  # max() may lose a NaN
+    if not total < (1000.0 * constants.width) ** 2:
+        return np.nan
+    return float(2.0 * np.sqrt(farthest) + abs(change) * 2.0 * discs.radius.max())
 
 
 @jit
@@ -256,3 +261,49 @@ def finish_row(
     row[21] = yy / volume
     row[22] = 2.0 * work.row[0] / discs.x.shape[0]
     row[23] = work.row[1] / max(work.row[0], 1.0)
+
+
+@jit
+def tally(discs: Discs, work: Work, constants: Constants, rate: float, h: float) -> None:
+    """Add the last ``h`` seconds to the energy balance (trapezoidal).
+
+    Power put in by the imposed flow: −γ̇ V (σ_xy of the periodic Love–Weber and torque tensors plus
+    Σ m c_x c_y / V), less what it does on glued discs. Power lost: in dashpots, by drag on
+    velocities and on spins; friction is summed where springs slide.
+    """
+    tensors, power, energy = work.tensors, work.power, work.energy
+    drag = 0.0
+    spin_drag = 0.0
+    flow = tensors[1] - tensors[4]
+    put_in = 0.0
+    for a in range(discs.x.shape[0]):
+        cx, cy, spin = discs.cx[a], discs.cy[a], discs.spin[a]
+        if discs.plate[a] != 0:
+            put_in -= work.fx[a] * cx + work.torque[a] * spin
+            continue
+        m = discs.mass[a]
+        flow += m * cx * cy
+        drag += constants.damping * m * (cx * cx + cy * cy)
+        target = constants.spin_target * rate
+        spin_drag += constants.spin_damping * discs.inertia[a] * spin * (spin - target)
+    put_in -= rate * flow
+    now = (put_in, power[1], power[2], drag, spin_drag)
+    before = (power[0], power[5], power[6], power[3], power[4])
+    for c in range(5):
+        energy[c] += 0.5 * h * (before[c] + now[c])
+    power[0], power[3], power[4] = put_in, drag, spin_drag
+    power[5], power[6] = power[1], power[2]
+
+
+@jit
+def energy_row(discs: Discs, work: Work, row: Floats) -> None:
+    """Append energies per metre of depth [J/m] to a record: kinetic, elastic, then the balance."""
+    kinetic = 0.0
+    for a in range(discs.x.shape[0]):
+        if discs.plate[a] == 0:
+            cx, cy, spin = discs.cx[a], discs.cy[a], discs.spin[a]
+            kinetic += 0.5 * (discs.mass[a] * (cx * cx + cy * cy) + discs.inertia[a] * spin * spin)
+    row[24] = kinetic
+    row[25] = work.stored[0]
+    for c in range(6):
+        row[26 + c] = work.energy[c]

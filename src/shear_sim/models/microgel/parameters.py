@@ -141,10 +141,10 @@ class Links(Section):
     """Permanent crosslinks between touching discs, and how they are cut into particles."""
 
     cut: Annotated[
-        Literal["cells", "lines", "bulk", "none"],
+        Literal["cells", "lines", "bulk", "none", "file"],
         Field(
             description="cells of random points, straight lines, bulk (one uncut network), none "
-            "(no links: loose discs)"
+            "(no links: loose discs), file (the links of the start file)"
         ),
     ] = "cells"
     cuts: Annotated[int, Field(ge=1, description="number of random points or of lines")] = 5
@@ -268,6 +268,7 @@ class Record(Section):
     """What is written to the result table, and how often."""
 
     every: Annotated[int, Field(ge=1, description="steps between records")] = 1
+    energy: Annotated[bool, Field(description="also the energy balance, at some cost")] = False
     columns: Annotated[
         tuple[str, ...] | None,
         Field(strict=False, description="stored columns by name; default: all"),
@@ -313,6 +314,12 @@ class MicrogelPoint(Point):
         )
         keys = ("integrator.steps_per_period", "shear.relative_frequency", "shear.kind")
         return [(("record.every", *keys), message)]
+
+    @property
+    def recorded(self) -> tuple[str, ...] | None:
+        """Stored columns that the result table shall hold, time and strain always; None: all."""
+        chosen = self.record.columns
+        return None if chosen is None else tuple(dict.fromkeys(("time", "strain", *chosen)))
 
     def start(self, streams: Streams) -> Simulation:
         """Prepare the simulation: packing, equilibration, links, equilibration."""

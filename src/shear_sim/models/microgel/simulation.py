@@ -17,9 +17,12 @@ from shear_sim.models.microgel.parameters import (
     Links,
     Microgel,
     MicrogelPoint,
+    Record,
 )
+from shear_sim.models.microgel.startfile import given_pairs, join, read_start
 from shear_sim.models.microgel.state import (
     COULOMB,
+    ENERGIES,
     OSCILLATION,
     RESET,
     ROW,
@@ -31,21 +34,22 @@ from shear_sim.models.microgel.state import (
     Pairs,
     Work,
 )
-from shear_sim.packing import Packing, start_discs
+from shear_sim.packing import Packing, cell_height, start_discs
 from shear_sim.protocol import OscillatoryShear, Shear
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 
-SKIN = 0.2  # of the mean radius: neighbour lists reach this much beyond contact
+SKIN = 0.6  # of the mean radius: neighbour lists reach this much beyond contact
 REST_DAMPING = 0.5  # 1/τ, while a packing comes to rest
 
 
 @cache
-def kernels_for(law: laws.Law, tangential: bool) -> ModuleType:
-    """Return the kernels compiled for one contact law, with or without tangential forces."""
-    module = variant("shear_sim.models.microgel.kernels", f"{law.__name__}-{tangential}")
-    vars(module).update(law=law, TANGENTIAL=tangential)
+def kernels_for(law: laws.Law, tangential: bool, tally: bool = False) -> ModuleType:
+    """Return the kernels compiled for a contact law, with what a scene needs and no more."""
+    key = f"{law.__name__}-{tangential}-{tally}"
+    module = variant("shear_sim.models.microgel.kernels", key)
+    vars(module).update(law=law, TANGENTIAL=tangential, TALLY=tally)
     return module
 
 
@@ -108,6 +112,7 @@ def make_work(n: int) -> Work:
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
         strain0=np.zeros(1), turns=np.zeros(1, np.int32),
         closest=np.ones(2), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+        stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),
     )  # fmt: skip
 
 
@@ -146,14 +151,14 @@ def make_constants(
     link = springs(model.links.normal_factor, model.links.tangential_factor)
     _, p = laws.law_of(model.contact_law)
     damping = -math.log(model.damping.decay) / period
-    # Two of the lightest discs in contact: 1/m_eff is 2/m along the normal, and 6/m along the
-    # tangent, as discs also turn (r²/I = 2/m).
+    # Longest substeps, for six contacts on the lightest discs: springs vibrate at up to
+    # √(2 k/m) (one contact), rolling at √(24 k_T/m) as r²/I = 2/m; predicted velocities are stable
+    # while h times the rate of the dashpots, up to 8 η/m and 20 η_T/m, is below 1.
     light = discs.mass.min()
-    normal_k, tangent_k = max(contact[0], link[0]), max(contact[1], link[1])
-    normal_eta, tangent_eta = max(contact[2], link[2]), max(contact[3], link[3])
-    stiffest = math.sqrt(2 * normal_k / light)
-    turning = math.sqrt(6 * tangent_k / light) if needs_tangential(model) else 0.0
-    dashpot = max(2 * normal_eta, 6 * tangent_eta) / light
+    vibration = math.sqrt(2 * max(contact[0], link[0]) / light)
+    rolling = math.sqrt(24 * max(contact[1], link[1]) / light)
+    dashpots = max(8 * max(contact[2], link[2]), 20 * max(contact[3], link[3])) / light
+    fastest = max(rolling / 1.2, dashpots / 0.8)
     return Constants(
         width=float(width),
         height=float(height),
@@ -172,8 +177,8 @@ def make_constants(
         spin_target=0.5 if model.damping.spin == "zero" else 0.0,
         affine=model.drive == "affine",
         skin=SKIN * float(discs.radius.mean()),
-        step_stiffness=0.8 / stiffest,
-        step_dashpot=1.0 / max(2.0 * dashpot, turning / 1.2, 1e-300),
+        step_stiffness=0.8 / vibration,
+        step_dashpot=1.0 / fastest if fastest else math.inf,
         step_strain=0.03,
     )  # fmt: skip
 
@@ -212,7 +217,8 @@ class MicrogelSimulation:
         self.steps = clock.end + round(point.shear.post_periods * clock.per_period)
         self.done = 0
         self.substeps = 0
-        self._table = np.empty((self.rows, len(ROW)))
+        self.names = ROW + ENERGIES if point.record.energy else ROW
+        self._table = np.empty((self.rows, len(self.names)))
 
     @property
     def rows(self) -> int:
@@ -245,7 +251,7 @@ class MicrogelSimulation:
 
     def columns(self) -> Columns:
         """Return the stored columns of the records made so far."""
-        return {n: self._table[: self.done, c].copy() for c, n in enumerate(ROW)}
+        return {n: self._table[: self.done, c].copy() for c, n in enumerate(self.names)}
 
     def summary(self) -> dict[str, Any]:
         """Return derived constants, protocol, preparation and self-checks."""
@@ -290,7 +296,7 @@ class MicrogelSimulation:
 
     def _checks(self) -> dict[str, float]:
         """Self-checks of the records: largest relative errors of what must hold exactly."""
-        column = dict(zip(ROW, self._table[: self.done].T, strict=True))
+        column = self.columns()
 
         def asymmetry(name: str, torque: str) -> float:
             tensor = [np.abs(column[f"{name}_{ab}"]) for ab in ("xx", "xy", "yx", "yy")]
@@ -314,51 +320,105 @@ class MicrogelSimulation:
 
 def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     """Make the packing of a point, bring it to rest, link it, and bring it to rest again."""
-    model, rest = point.model, point.packing.equilibration
-    start = start_discs(point.packing, point.cell, streams)
-    discs = make_discs(start.position, start.radius, density=point.packing.density)
-    k, tau = time_scale(model, discs.mass)
+    model = point.model
+    discs, pairs, n_links, width, height = _start(point, streams)
+    _, tau = time_scale(model, discs.mass)
     period = tau / point.shear.relative_frequency
-    constants = make_constants(point, discs, start.width, start.height, period)
-    work = make_work(len(discs.x))
-    unit = k * 2 * float(discs.radius.mean())  # of force, k⟨D⟩
-
+    constants = make_constants(point, discs, width, height, period)
     law, _ = laws.law_of(model.contact_law)
-    # Friction-free equilibration: the bounded linear law first, as random starts overlap deeply.
-    steps = 0
-    pairs = make_pairs()
-    linear = constants._replace(law=(0.0, *constants.law[1:]))
-    for kernels, stage, tolerance in (
-        (kernels_for(laws.divergent, tangential=False), linear, 1e-3),
-        (kernels_for(law, tangential=False), constants, rest.force_tolerance),
-    ):
-        pairs, made, force = kernels.relax(
-            discs, work, pairs, 0, stage, tolerance * unit, rest.max_steps
-        )
-        steps += made
-    preparation: dict[str, Any] = {"relaxation_steps": steps, "relaxed_force": force / unit}
 
-    n_links = 0
-    if model.links.cut != "none":
-        motion.renew_pairs(discs, work, make_pairs(), 0, constants, 0.0)
-        position = np.column_stack([discs.x, discs.y])
-        network = touching_pairs(position, discs.radius, (start.width, start.height))
-        linked, report = make_links(network, model.links, streams)
-        pairs = make_pairs(network.pairs[linked], network.image[linked])
+    preparation = _relax(point, law, discs, constants)
+    if model.links.cut not in ("none", "file"):
+        pairs, report = _link(model.links, streams, discs, constants)
         n_links = len(pairs.i)
         preparation |= report
-    else:
-        pairs = make_pairs()
-
-    kernels = kernels_for(law, needs_tangential(model))
+    kernels = kernels_for(law, needs_tangential(model), point.record.energy)
     pairs, settled = _settle(point, kernels, discs, pairs, n_links, constants, tau)
     preparation |= settled
     if point.cell.boundary == "plates":
-        glue(discs, start.height)
+        glue(discs, height)
         preparation["glued_discs"] = int((discs.plate != 0).sum())
 
     clock = make_clock(point.shear, period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(point, kernels, discs, pairs, n_links, constants, clock, preparation)
+
+
+def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, int, float, float]:
+    """Return discs, given pairs, number of given links, and the cell's width and height [m]."""
+    packing = point.packing
+    if packing.start != "file" or packing.file is None:
+        start = start_discs(packing, point.cell, streams)
+        discs = make_discs(start.position, start.radius, density=packing.density)
+        return discs, make_pairs(), 0, start.width, start.height
+    arrays = read_start(packing.file, packing.file_digest)
+    velocity = [arrays.get(v, np.zeros(len(arrays["x"]))) for v in ("vx", "vy")]
+    discs = make_discs(
+        np.column_stack([arrays["x"], arrays["y"]]),
+        arrays["radius"],
+        density=packing.density,
+        mass=arrays.get("mass"),
+        inertia=arrays.get("inertia"),
+        velocity=np.column_stack(velocity),
+        spin=arrays.get("spin"),
+    )
+    links = given_pairs(arrays, "link")
+    if (len(links.i) > 0) != (point.model.links.cut == "file"):
+        msg = (
+            f"start file {packing.file} has {len(links.i)} links and model.links.cut is "
+            f"{point.model.links.cut}: links of the file are used with cut: file, and only then"
+        )
+        raise SimulationError(msg)
+    pairs = join(links, given_pairs(arrays, "contact"), discs)
+    return discs, pairs, len(links.i), point.cell.width, cell_height(packing, point.cell)
+
+
+def _relax(
+    point: MicrogelPoint, law: laws.Law, discs: Discs, constants: Constants
+) -> dict[str, Any]:
+    """Bring a packing to friction-free rest: the equilibration before friction and links.
+
+    Random starts overlap deeply, so the bounded linear law comes first, then the study's own.
+    """
+    rest = point.packing.equilibration
+    if rest.max_steps == 0:
+        return {}
+    unit = force_unit(constants, discs)
+    # What only moving discs feel stays out of it: scenes that differ there share their packings.
+    at_rest = constants._replace(
+        step_stiffness=0.8 * math.sqrt(discs.mass.min() / (2 * constants.k)), step_dashpot=math.inf
+    )
+    linear = at_rest._replace(law=(0.0, *constants.law[1:]))
+    work, pairs, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0
+    for stage_law, stage, tolerance in (
+        (laws.divergent, linear, 1e-3),
+        (law, at_rest, rest.force_tolerance),
+    ):
+        kernels = kernels_for(stage_law, tangential=False)
+        pairs, made, force = kernels.relax(
+            discs, work, pairs, 0, stage, tolerance * unit, rest.max_steps
+        )
+        steps += made
+    return {"relaxation_steps": steps, "relaxed_force": force / unit}
+
+
+def _link(
+    section: Links, streams: Streams, discs: Discs, constants: Constants
+) -> tuple[Pairs, dict[str, Any]]:
+    """Link touching discs and cut the network into particles."""
+    motion.renew_pairs(discs, make_work(len(discs.x)), make_pairs(), 0, constants, 0.0)
+    network = touching_pairs(
+        np.column_stack([discs.x, discs.y]),
+        discs.radius,
+        (constants.width, constants.height),
+        constants.periodic,
+    )
+    linked, report = make_links(network, section, streams)
+    return make_pairs(network.pairs[linked], network.image[linked]), report
+
+
+def force_unit(constants: Constants, discs: Discs) -> float:
+    """Return k⟨D⟩ of the contacts [N/m], the unit of forces that remain at rest."""
+    return constants.k * 2 * float(discs.radius.mean())
 
 
 def glue(discs: Discs, height: float) -> None:
@@ -380,16 +440,15 @@ def _settle(
 ) -> tuple[Pairs, dict[str, Any]]:
     """Let a linked, frictional packing come to rest at zero strain, in damped dynamics."""
     rest = point.packing.equilibration
-    k, _ = time_scale(point.model, discs.mass)
-    unit = k * 2 * float(discs.radius.mean())
-    energy_unit = k * 4 * float(discs.radius.mean()) ** 2
+    unit = force_unit(constants, discs)
+    energy_unit = unit * 2 * float(discs.radius.mean())
     damped = constants._replace(
         damping=REST_DAMPING / tau, spin_damping=REST_DAMPING / tau, spin_target=0.0
     )
     work = make_work(len(discs.x))
     block = 50
     clock = Clock(0.2 * tau, 0, 0, OSCILLATION, 100, 0.0, block)
-    rows = np.empty((2, len(ROW)))
+    rows = np.empty((2, len(ROW + ENERGIES)))
     steps = 0
     while True:
         pairs, *_ = kernels.run(discs, work, pairs, n_links, damped, clock, 0, 0, False, rows)
@@ -409,9 +468,9 @@ def _settle(
             msg = "the packing exploded while it came to rest"
             raise SimulationError(msg)
         steps += block
-    # A drift of the whole packing is not motion of the packing.
-    for velocity in (discs.cx, discs.cy):
-        velocity -= (discs.mass * velocity).sum() / discs.mass.sum()
+    if steps:  # a drift of the whole packing is not motion of the packing
+        for velocity in (discs.cx, discs.cy):
+            velocity -= (discs.mass * velocity).sum() / discs.mass.sum()
     return pairs, {
         "settling_steps": steps,
         "unbalanced_force": max(force, turning),
@@ -421,12 +480,17 @@ def _settle(
 
 
 def compile_kernels(points: Sequence[MicrogelPoint]) -> None:
-    """Compile the kernels of every contact law in ``points``: a few steps of a small packing."""
+    """Compile every kernel that ``points`` need: a few steps of a small packing of each kind."""
     small = Packing(discs=20, packing_fraction=1.0)
     brief = OscillatoryShear(pre_periods=0, periods=0.02, post_periods=0)
-    wanted = {p.model.contact_law.model_dump_json(): p.model.contact_law for p in points}
-    for law in wanted.values():
-        for links in (Links(cut="bulk"), Links(cut="none")):
-            model = Microgel(contact_law=law, links=links, friction=0.0)
-            point = MicrogelPoint(model=model, packing=small, shear=brief)
-            prepare(point, Streams(0, 0)).advance(2)
+    wanted = {}
+    for p in points:
+        law = p.model.contact_law
+        turning = needs_tangential(p.model)
+        wanted[law.model_dump_json(), turning, p.record.energy] = law
+    for (_, turning, energy), law in wanted.items():
+        links = Links(cut="bulk" if turning else "none")
+        model = Microgel(contact_law=law, links=links, friction=0.0)
+        record = Record(energy=energy)
+        point = MicrogelPoint(model=model, packing=small, shear=brief, record=record)
+        prepare(point, Streams(0, 0)).advance(2)

@@ -15,7 +15,10 @@ ROW = (
     "torque_yx", "centrifugal_xx", "peculiar_xx", "peculiar_xy", "peculiar_yy",
     "coordination", "sliding_fraction",
 )  # fmt: skip
-WIDTH = len(ROW)
+ENERGIES = (
+    "kinetic_energy", "elastic_energy", "energy_put_in", "lost_in_normal_dashpots",
+    "lost_in_tangential_dashpots", "lost_by_drag", "lost_by_spin_drag", "lost_by_friction",
+)  # fmt: skip
 
 OPEN, STICK, SLIDE = 0, 1, 2  # state of a pair
 REST, OSCILLATION, STEADY = 0, 1, 2  # segments of a protocol
@@ -60,6 +63,9 @@ class Work(NamedTuple):
     closest: Floats  # (2,) d² and D² of the relatively most compressed pair
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
+    stored: Floats  # (1,) elastic energy [J/m]
+    power: Floats  # (7,) powers of the last instants, see ``tally`` [W/m]
+    energy: Floats  # (6,) energy put in, and lost in each way, so far [J/m]
     check: Floats  # (1,) largest relative error of identity S1-19 in any record
 
 

@@ -32,6 +32,15 @@ COLUMNS = (
     *_tensor("peculiar", "dynamic stress of peculiar momenta (Otsuki et al.)", ("xx", "xy", "yy")),
     Column("coordination", "1", "touching neighbours per disc"),
     Column("sliding_fraction", "1", "fraction of touching pairs that slide"),
+    # Only with record.energy, per metre of depth:
+    Column("kinetic_energy", "J/m", "of peculiar velocities and spins"),
+    Column("elastic_energy", "J/m", "of contacts and links, normal and tangential"),
+    Column("energy_put_in", "J/m", "work of the imposed flow since the start"),
+    Column("lost_in_normal_dashpots", "J/m", "since the start"),
+    Column("lost_in_tangential_dashpots", "J/m", "since the start"),
+    Column("lost_by_drag", "J/m", "background damping of velocities, since the start"),
+    Column("lost_by_spin_drag", "J/m", "background damping of spins, since the start"),
+    Column("lost_by_friction", "J/m", "sliding contacts, since the start"),
 )
 
 TENSORS = {

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shear_sim.config import MAX_VALUES, Document, StudyError, read_yaml, round12
+from shear_sim.document import MAX_VALUES, Document, StudyError, read_yaml, round12
 
 FILE = Path("study.yaml")
 

@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 
 import pytest
 from tools import processes, run, start, wait_until, write_study
 
 import shear_sim
 from shear_sim import sweep
+from shear_sim.plan import Costs, default_workers, make_plan
 from shear_sim.results import Results
 from shear_sim.screen import Screen
 from shear_sim.single import differences
@@ -23,7 +25,7 @@ def make(study_file, root, **options):
     """Run a sweep in this process, silently."""
     study = load_study(study_file)
     results = Results(root / study.name)
-    plan = sweep.make_plan(study, results, **options)
+    plan = make_plan(study, results, **options)
     return plan, sweep.run_plan(plan, Screen()), results
 
 
@@ -58,18 +60,18 @@ def test_shards_cover_the_study_once_and_change_no_bit(undisturbed, tmp_path):
     assert counts == [(4, 4)] * 3
     assert_same(undisturbed, results)
     ids = sorted(path.stem for path in results.jobs.iterdir())
-    plan = sweep.make_plan(load_study(study), Results(tmp_path / "other"), shard=(1, 3))
+    plan = make_plan(load_study(study), Results(tmp_path / "other"), shard=(1, 3))
     assert [job.id for job in plan.run] == ids[1::3]
 
 
 def test_a_shard_is_cut_before_finished_jobs_are_skipped(undisturbed, tmp_path):
     study = load_study(write_study(tmp_path))
     results = Results(tmp_path / "results")
-    empty = sweep.make_plan(study, results, shard=(0, 2))
+    empty = make_plan(study, results, shard=(0, 2))
     results.jobs.mkdir(parents=True)
     done = empty.run[0].id
     results.job_file(done).write_bytes(undisturbed.job_file(done).read_bytes())
-    later = sweep.make_plan(study, results, shard=(0, 2))
+    later = make_plan(study, results, shard=(0, 2))
     assert [job.id for job in later.run] == [job.id for job in empty.run[1:]]
 
 
@@ -82,7 +84,7 @@ def test_limit_and_growth_keep_old_jobs(undisturbed, tmp_path):
     assert (plan.done, report.done) == (4, 8)
     assert all(path.stat().st_mtime_ns == time for path, time in first.items())
     assert_same(undisturbed, results)
-    smaller = sweep.make_plan(load_study(write_study(tmp_path, replicates=1)), results)
+    smaller = make_plan(load_study(write_study(tmp_path, replicates=1)), results)
     assert (smaller.done, smaller.run, smaller.orphans) == (3, [], 9)
 
 
@@ -305,16 +307,16 @@ def test_workers_come_from_slurm_or_from_the_affinity(monkeypatch):
     for name in ("SLURM_JOB_ID", "SLURM_CPUS_PER_TASK"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5})
-    assert sweep.default_workers() == 3
+    assert default_workers() == 3
     monkeypatch.setenv("SLURM_JOB_ID", "17")
-    assert sweep.default_workers() == 1
+    assert default_workers() == 1
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "4")
-    assert sweep.default_workers() == 4
+    assert default_workers() == 4
 
 
 def test_costs_use_the_point_where_it_is_measured():
-    costs = sweep.Costs()
-    todo = sweep.Counter({"slow": 2, "fast": 1, "unknown": 1})
+    costs = Costs()
+    todo = Counter({"slow": 2, "fast": 1, "unknown": 1})
     assert costs.total(todo) is None
     for point, cost in [("slow", 9.0), ("slow", 11.0), ("fast", 1.0)]:
         costs.add(point, cost)

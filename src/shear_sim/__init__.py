@@ -68,9 +68,10 @@ def run_study(
     """
     from signal import SIGINT
 
+    from shear_sim.plan import make_plan
     from shear_sim.results import Results
     from shear_sim.screen import Screen
-    from shear_sim.sweep import describe_report, make_plan, run_plan
+    from shear_sim.sweep import describe_report, run_plan
 
     loaded = load_study(study) if isinstance(study, Path | str) else study
     folder = Results(Path(results) / loaded.name)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
+    from shear_sim.plan import Plan
     from shear_sim.results import Results
     from shear_sim.study import Study
-    from shear_sim.sweep import Plan
 
 BAD_INPUT, STOPPED = 2, 75  # exit codes; the others are those of shear_sim.sweep
 
@@ -242,7 +242,7 @@ def _plan(
         typer.echo(f"reading {study}")
     part = _shard(shard)
     loaded = _load(study)
-    from shear_sim.sweep import make_plan
+    from shear_sim.plan import make_plan
 
     return make_plan(
         loaded,

@@ -100,7 +100,12 @@ class _Simulation:
             "shear_end": (shear.pre_periods + shear.periods) * self.period,
             "end": (self.rows - 1) * self.period / STEPS_PER_PERIOD,
         }
-        return {"derived": {"omega": 2 * np.pi / self.period}, "protocol": protocol, "checks": {}}
+        return {
+            "derived": {"omega": 2 * np.pi / self.period},
+            "protocol": protocol,
+            "checks": {},
+            "flags": {"not_at_rest": False},
+        }
 
 
 def fail(how):

@@ -1,4 +1,6 @@
 import math
+import subprocess
+import sys
 
 import kelvin_voigt
 import numpy as np
@@ -58,6 +60,17 @@ def test_stored_columns_are_independent_and_the_others_follow(tmp_path):
     stored, full = read_table(path).columns, read_job(path).columns
     assert list(stored) == [column.name for column in kelvin_voigt.COLUMNS]
     assert np.array_equal(full["shear_stress"], -stored["periodic_overall_xy"])
+
+
+def test_a_job_does_without_pandas(tmp_path, environment):
+    """It takes longer to import than a small job takes to run, once in every worker."""
+    code = (
+        "import sys; from pathlib import Path; from test_runner import make_job, runner;"
+        "runner.run_job(make_job(), Path(sys.argv[1])); print('pandas' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, tmp_path]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_a_finished_job_is_not_run_again(tmp_path):

@@ -68,9 +68,10 @@ def run_study(
     """
     from signal import SIGINT
 
+    from shear_sim.plan import make_plan
     from shear_sim.results import Results
     from shear_sim.screen import Screen
-    from shear_sim.sweep import describe_report, make_plan, run_plan
+    from shear_sim.sweep import describe_report, run_plan
 
     loaded = load_study(study) if isinstance(study, Path | str) else study
     folder = Results(Path(results) / loaded.name)
@@ -100,6 +101,6 @@ def aggregate_study(folder: Path | str, *, figures: bool = False) -> "dict[str, 
     dict of pandas.DataFrame
         By name; the same as in ``results/<study>/tables``.
     """
-    from shear_sim import aggregate
+    from shear_sim.aggregate import aggregate
 
-    return aggregate.aggregate(Path(folder), figures=figures)
+    return aggregate(folder, figures=figures)

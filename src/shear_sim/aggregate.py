@@ -74,6 +74,7 @@ _OSCILLATORY = (
         Column("surface_internal_differ", "", "surface_internal_ratio more than 30 % from 1"),
         "flags.surface_internal_differ",
     ),
+    (Column("not_at_rest", "", "the packing moved when its rest began"), "flags.not_at_rest"),
     (Column("no_moduli", "", "why something could not be fitted"), "flags.no_moduli"),
 )
 _STEADY = (
@@ -89,6 +90,7 @@ _STEADY = (
     ),
     (Column("pressure", "Pa", "mean over the late half of the strain"), "steady.pressure"),
     (Column("stress_ratio", "-", "|shear stress| / pressure"), "steady.stress_ratio"),
+    (Column("not_at_rest", "", "the packing moved when its rest began"), "flags.not_at_rest"),
     (Column("no_steady", "", "why nothing could be averaged"), "flags.no_steady"),
 )
 _FLAGGED = Column("flagged", "", "outside a quality limit, or without a result")
@@ -229,7 +231,7 @@ def runs_table(
     return _table(found.assign(**data), columns, sort=["replicate"], parameters=parameters)
 
 
-_FLAG_NAMES = ("baseline_noisy", "surface_internal_differ")
+_FLAG_NAMES = ("baseline_noisy", "surface_internal_differ", "not_at_rest")
 
 
 def _typed(values: "pd.Series[Any]", column: Column) -> "pd.Series[Any]":

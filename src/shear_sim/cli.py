@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
+    from shear_sim.plan import Plan
     from shear_sim.results import Results
     from shear_sim.study import Study
-    from shear_sim.sweep import Plan
 
 BAD_INPUT, STOPPED = 2, 75  # exit codes; the others are those of shear_sim.sweep
 
@@ -143,7 +143,7 @@ def run(
         if job is not None:
             msg = "--job goes with a study file; a result file is one job already"
             raise typer.BadParameter(msg)
-        path, differences = single.repeat(target, results)
+        path, differences = single.repeat(target, results, _tell)
         typer.echo(f"computed again: {path}")
         for difference in differences:
             typer.echo(f"  differs: {difference}")
@@ -153,7 +153,7 @@ def run(
     if job is None:
         msg = f"--job ID is missing: one of the {len(loaded.jobs())} jobs of {target}"
         raise typer.BadParameter(msg)
-    path, failure = single.run_one(loaded, job, _results(loaded, results))
+    path, failure = single.run_one(loaded, job, _results(loaded, results), _tell)
     if failure is not None:
         typer.echo(f"failed: job {failure.job} ({failure.kind}): {failure.reason}")
         raise typer.Exit(1)
@@ -219,6 +219,12 @@ def aggregate(
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
 
 
+def _tell() -> None:
+    from shear_sim.screen import COMPILING
+
+    typer.echo(COMPILING)
+
+
 def _stop(*_: object) -> NoReturn:
     raise typer.Exit(STOPPED)
 
@@ -236,7 +242,7 @@ def _plan(
         typer.echo(f"reading {study}")
     part = _shard(shard)
     loaded = _load(study)
-    from shear_sim.sweep import make_plan
+    from shear_sim.plan import make_plan
 
     return make_plan(
         loaded,

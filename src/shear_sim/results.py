@@ -108,8 +108,8 @@ class Results:
         try:
             for folder in (self.jobs, self.failed, self.tables, self.figures, self.logs):
                 folder.mkdir(parents=True, exist_ok=True)
-            for folder in (self.folder, self.jobs, self.failed):
                 remove_partial(folder)
+            remove_partial(self.folder)
             text = study.text.encode()
             if not self.study_file.exists() or self.study_file.read_bytes() != text:
                 write_whole(self.study_file, text)

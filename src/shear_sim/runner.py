@@ -61,7 +61,8 @@ def run_job(job: "Job", folder: Path) -> Path:
         "parameters": what["parameters"],
         **simulation.summary(),
     }
-    summary |= summarise({**columns, **model.derive(columns)}, summary["protocol"])
+    measured = summarise({**columns, **model.derive(columns)}, summary["protocol"])
+    summary |= measured | {"flags": {**summary["flags"], **measured["flags"]}}
     summary["run"] = {**clock.read(), **environment(), "files": what["files"]}
     chosen = job.point.recorded or tuple(columns)
     write_table(path, {name: columns[name] for name in chosen}, model.COLUMNS, summary)

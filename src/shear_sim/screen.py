@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+COMPILING = "compiling the kernels: once for this version, study and processor, then kept"
 LINE_SECONDS = 10.0  # between two progress lines where there is no terminal
 
 
@@ -40,6 +41,13 @@ class Screen:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
             print(text, flush=True)
+
+    def prepare(self, what: str) -> None:
+        """Show that ``what`` still goes on before the first job."""
+        now = time.monotonic()
+        if now >= self._last_line + LINE_SECONDS:
+            self._last_line = now
+            self.say(f"  {what}, {duration(now - self._started)} passed")
 
     def start(self, total: int) -> None:
         """Begin to count ``total`` jobs."""

@@ -1,5 +1,6 @@
 """One job by hand: run a job of a study now, or repeat a finished one and compare."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -7,14 +8,18 @@ from shear_sim.results import Failure, Results, ResultsError, flatten
 from shear_sim.runner import run_job
 from shear_sim.study import Job
 from shear_sim.tables import Table, read_table
-from shear_sim.workers import attempt
+from shear_sim.workers import attempt, compile_for
 
 if TYPE_CHECKING:
     from shear_sim.study import Study
 
 
-def run_one(study: "Study", reference: str, results: Results) -> tuple[Path, Failure | None]:
+def run_one(
+    study: "Study", reference: str, results: Results, tell: Callable[[], None]
+) -> tuple[Path, Failure | None]:
     """Run the job of ``study`` whose id begins with ``reference``, in this process.
+
+    ``tell`` is called if its kernels have to be compiled first.
 
     Returns
     -------
@@ -34,6 +39,7 @@ def run_one(study: "Study", reference: str, results: Results) -> tuple[Path, Fai
         raise ResultsError(msg)
     [job] = found
     results.prepare(study)
+    compile_for([job], tell)
     failure, storage_error = attempt(job, results.jobs)
     if storage_error is not None:
         msg = f"{results.folder}: results cannot be written ({storage_error})"
@@ -45,7 +51,7 @@ def run_one(study: "Study", reference: str, results: Results) -> tuple[Path, Fai
     return results.job_file(job.id), failure
 
 
-def repeat(path: Path, root: Path) -> tuple[Path, list[str]]:
+def repeat(path: Path, root: Path, tell: Callable[[], None]) -> tuple[Path, list[str]]:
     """Compute the job of a result file again and compare.
 
     Parameters
@@ -54,6 +60,8 @@ def repeat(path: Path, root: Path) -> tuple[Path, list[str]]:
         A result file.
     root : Path
         The new result is written to ``root/repeated/jobs/``.
+    tell : callable
+        Called if the kernels have to be compiled first.
 
     Returns
     -------
@@ -85,6 +93,7 @@ def repeat(path: Path, root: Path) -> tuple[Path, list[str]]:
     results = Results(root / "repeated")
     results.jobs.mkdir(parents=True, exist_ok=True)
     results.job_file(job.id).unlink(missing_ok=True)
+    compile_for([job], tell)
     repeated = run_job(job, results.jobs)
     return repeated, differences(before, read_table(repeated))
 

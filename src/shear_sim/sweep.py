@@ -1,4 +1,4 @@
-"""A sweep: what of a study is missing, and a supervisor that has it computed.
+"""A sweep: the supervisor that has the missing jobs of a study computed.
 
 Nothing here holds a lock or a state of its own: what is done is what lies in ``jobs/``. So a sweep
 may be killed at any time and started again, and several may work at one study.
@@ -10,17 +10,18 @@ import platform
 import signal
 import threading
 import time
-from collections import Counter, defaultdict, deque
+from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO
 
 from shear_sim.compiled import cache_folder
-from shear_sim.results import Failure, Results
-from shear_sim.screen import Screen, duration, size
+from shear_sim.plan import SHOWN_FAILURES, Costs, Plan, failure_lines
+from shear_sim.results import Failure
+from shear_sim.screen import COMPILING, Screen, duration
 from shear_sim.tables import remove_partial
 from shear_sim.workers import (
     Compiling,
@@ -33,220 +34,14 @@ from shear_sim.workers import (
     Workers,
 )
 
-if TYPE_CHECKING:
-    from shear_sim.study import Job, Study
-
 DONE, FAILED, STOPPED, INTERRUPTED = 0, 1, 75, 130  # exit codes
 GRACE_SECONDS = 5.0  # for running jobs to end after SIGTERM; Slurm's own grace is 30 s
 TICK_SECONDS = 0.2
 SERVER_RESTARTS = 3  # without one job ended in between
-SHOWN_FAILURES = 10
 
 
 class SweepError(Exception):
-    """The sweep cannot go on; says why. ``details`` holds a traceback."""
-
-    def __init__(self, message: str, details: str = "") -> None:
-        super().__init__(message)
-        self.details = details
-
-
-class Costs:
-    """Mean measured cost of a job: at its own point where known, else over all jobs."""
-
-    def __init__(self) -> None:
-        self._sum: dict[str | None, float] = defaultdict(float)
-        self._count: Counter[str | None] = Counter()
-
-    def add(self, point: str, cost: float) -> None:
-        """Take one measurement."""
-        for key in (point, None):
-            self._sum[key] += cost
-            self._count[key] += 1
-
-    @property
-    def measured(self) -> int:
-        """Number of measurements."""
-        return self._count[None]
-
-    def total(self, jobs: Counter[str]) -> float | None:
-        """Return the expected cost of so many jobs of each point; None if nothing is measured."""
-        if not self.measured:
-            return None
-        means = {key: self._sum[key] / count for key, count in self._count.items()}
-        return sum(count * means.get(point, means[None]) for point, count in jobs.items())
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a sweep would do, and what that is expected to cost.
-
-    Attributes
-    ----------
-    shard : (i, n)
-        Which part of the study this is; all counts are of this part.
-    run : list of Job
-        New jobs, and failed ones that are tried again.
-    left_out : int
-        Jobs that would run but for ``--limit``.
-    again, waiting : dict of Failure, by job id
-        Failed jobs that are tried again, and those that failed by physics, which are not.
-    orphans : int
-        Results that the study does not ask for (any more); they are never deleted.
-    points : dict
-        Job id to the id of its point.
-    """
-
-    study: "Study"
-    results: Results
-    shard: tuple[int, int]
-    total: int
-    done: int
-    run: "list[Job]" = field(repr=False)
-    left_out: int
-    again: dict[str, Failure] = field(repr=False)
-    waiting: dict[str, Failure] = field(repr=False)
-    orphans: int
-    workers: int
-    points: dict[str, str] = field(repr=False)
-    cpu_s: Costs = field(repr=False)
-    wall_s: Costs = field(repr=False)
-    job_bytes: float | None
-    memory_mb: float | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the plan for a script; times in s, memory of one worker in MB."""
-        to_run = Counter(self.points[job.id] for job in self.run)
-        cpu, wall = self.cpu_s.total(to_run), self.wall_s.total(to_run)
-        return {
-            "study": self.study.name,
-            "results": str(self.results.folder),
-            "shard": list(self.shard),
-            "jobs": self.total,
-            "done": self.done,
-            "new": len(self.run) - len(self.again),
-            "left_out": self.left_out,
-            "again": [asdict(failure) for failure in self.again.values()],
-            "waiting": [asdict(failure) for failure in self.waiting.values()],
-            "orphans": self.orphans,
-            "workers": self.workers,
-            "estimate": {
-                "measured_jobs": self.cpu_s.measured,
-                "cpu_s": cpu,
-                "wall_s": None if wall is None else wall / max(self.workers, 1),
-                "disk_bytes": None if self.job_bytes is None else self.job_bytes * len(self.run),
-                "memory_mb": self.memory_mb,
-            },
-        }
-
-    def __str__(self) -> str:
-        facts = self.to_json()
-        estimate = facts["estimate"]
-        part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
-        failed = len(self.again) + len(self.waiting)
-        counts = f"{facts['new']} new, {self.done} done, {failed} failed"
-        lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
-        lines += _failure_lines(self.again, "runs again")
-        lines += _failure_lines(self.waiting, "by physics, left alone")
-        if self.waiting:
-            lines.append("  failures by physics are tried again only with --retry-failed")
-        if self.left_out:
-            lines.append(f"  {self.left_out} more jobs are left for later by --limit")
-        if self.orphans:
-            lines.append(f"  {self.orphans} results are not of this study file (any more); kept")
-        if self.run and estimate["cpu_s"] is not None:
-            lines.append(
-                f"  to run: about {duration(estimate['cpu_s'])} of CPU, "
-                f"{duration(estimate['wall_s'])} on {self.workers} worker(s) of "
-                f"{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
-                f"{estimate['measured_jobs']} measured jobs"
-            )
-        elif self.run:
-            lines.append(f"  to run: no job is measured yet; {self.workers} worker(s)")
-        return "\n".join(lines)
-
-
-def default_workers() -> int:
-    """Return how many jobs run at once: what Slurm gave, else the cores this process may use."""
-    if given := os.environ.get("SLURM_CPUS_PER_TASK"):
-        return int(given)
-    if "SLURM_JOB_ID" in os.environ:
-        return 1  # Slurm's own default; the other cores of the node are somebody else's
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def make_plan(
-    study: "Study",
-    results: Results,
-    *,
-    shard: tuple[int, int] = (0, 1),
-    limit: int | None = None,
-    retry_failed: bool = False,
-    jobs: int | None = None,
-) -> Plan:
-    """Compare a study with its results.
-
-    Parameters
-    ----------
-    shard : (i, n)
-        Every n-th job of the whole study sorted by id, from the i-th (from 0). Finished jobs are
-        skipped after that, so shards never overlap, whenever each is planned.
-    limit : int, optional
-        Run at most so many jobs.
-    retry_failed : bool
-        Also run jobs that failed by physics.
-    jobs : int, optional
-        Number of workers; see `default_workers`.
-    """
-    points = {job.id: point for point, of in study.groups().items() for job in of}
-    part = study.jobs()[shard[0] :: shard[1]]
-    finished, failures = results.finished(), results.failures()
-    missing = [job for job in part if job.id not in finished]
-    waiting = {
-        job.id: failures[job.id]
-        for job in missing
-        if job.id in failures and failures[job.id].kind == "physics" and not retry_failed
-    }
-    run = [job for job in missing if job.id not in waiting]
-    chosen = run[:limit]
-    cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, bool(finished))
-    return Plan(
-        study=study,
-        results=results,
-        shard=shard,
-        total=len(part),
-        done=len(part) - len(missing),
-        run=chosen,
-        left_out=len(run) - len(chosen),
-        again={job.id: failures[job.id] for job in chosen if job.id in failures},
-        waiting=waiting,
-        orphans=len(finished.difference(points)),
-        workers=min(jobs or default_workers(), len(chosen)),
-        points=points,
-        cpu_s=cpu_s,
-        wall_s=wall_s,
-        job_bytes=job_bytes,
-        memory_mb=memory_mb,
-    )
-
-
-def _measured(
-    results: Results, points: dict[str, str], any_finished: bool
-) -> tuple[Costs, Costs, float | None, float | None]:
-    """Return CPU and wall time, mean bytes and largest memory [MB] of the finished jobs."""
-    cpu_s, wall_s = Costs(), Costs()
-    if not any_finished:
-        return cpu_s, wall_s, None, None
-    names = ["job", "run.cpu_s", "run.wall_s", "bytes", "run.peak_memory_mb"]
-    rows = results.index().select(names).to_pydict()
-    for job, cpu, wall in zip(rows["job"], rows["run.cpu_s"], rows["run.wall_s"], strict=True):
-        if job in points:
-            cpu_s.add(points[job], cpu)
-            wall_s.add(points[job], wall)
-    size_sum = sum(rows["bytes"])
-    return cpu_s, wall_s, size_sum / len(rows["bytes"]), max(rows["run.peak_memory_mb"])
+    """The sweep cannot go on; says why."""
 
 
 @dataclass(frozen=True)
@@ -308,7 +103,7 @@ class _Sweep:
         self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
         self.done = 0
         self.failed: dict[str, Failure] = {}
-        self.ready = False
+        self.ready = self.started = False
         self.next_look = 0.0
         self.restarts = 0
         self.signal: int | None = None
@@ -317,7 +112,6 @@ class _Sweep:
     def run(self, received: list[int], log: IO[bytes]) -> None:
         """Keep the workers busy until nothing is left or somebody says stop."""
         self.log = log
-        self.screen.start(len(self.plan.run))
         self.workers = self._new_workers()
         give_up = float("inf")
         try:
@@ -343,6 +137,9 @@ class _Sweep:
 
     def _show(self) -> None:
         self.next_look = time.monotonic() + TICK_SECONDS
+        if not self.ready:
+            self.screen.prepare("preparing the kernels")
+            return
         left = self.wall_s.total(self.remaining)
         if left is not None:
             left /= self.plan.workers
@@ -355,16 +152,19 @@ class _Sweep:
     def _take(self, event: Event) -> None:
         match event:
             case Compiling():
-                self.screen.say(
-                    "compiling the kernels: once for this version, study and processor, then kept"
-                )
+                self.screen.say(COMPILING)
             case Ready():
+                if not self.started:
+                    self.started = True
+                    self.screen.start(len(self.plan.run))
                 self.ready = True
                 for _ in range(min(self.plan.workers, len(self.todo))):
                     self._give(self.workers.add())
             case Unprepared():
                 msg = f"the kernels cannot be prepared: {event.reason}"
-                raise SweepError(msg, event.traceback)
+                error = SweepError(msg)
+                error.add_note(event.traceback)  # shown with a traceback only, by --debug
+                raise error
             case Outcome():
                 self.restarts = 0
                 self._end(event)
@@ -402,6 +202,9 @@ class _Sweep:
             return
         job = self.plan.run[self.busy.pop(worker)]
         self.remaining[self.plan.points[job.id]] -= 1
+        if self.plan.results.job_file(job.id).exists():
+            self.done += 1  # it died between its last deed and telling of it
+            return
         reason = f"its process ended with exit code {status}"
         name = None
         if status < 0:
@@ -470,16 +273,6 @@ def _log(folder: Path) -> Iterator[IO[bytes]]:
         path.unlink()
 
 
-def _failure_lines(failures: dict[str, Failure], what: str) -> list[str]:
-    lines = [
-        f"  failed ({what}): {job} ({failure.kind}, tried {failure.tries} x): {failure.reason}"
-        for job, failure in list(failures.items())[:SHOWN_FAILURES]
-    ]
-    if len(failures) > SHOWN_FAILURES:
-        lines.append(f"  ... and {len(failures) - SHOWN_FAILURES} more such jobs, in failed/")
-    return lines
-
-
 def describe_report(plan: Plan, report: Report) -> str:
     """Return the last lines of a sweep: what was done, what was not and where to look next."""
     folder = plan.results.folder
@@ -496,7 +289,7 @@ def describe_report(plan: Plan, report: Report) -> str:
         f"({report.done} now, in {duration(report.wall_s)}), "
         f"{len(report.failed) + report.waiting} failed, {report.left} left"
     )
-    lines += _failure_lines(report.failed, "see failed/")
+    lines += failure_lines(report.failed, "see failed/")
     kinds = Counter(failure.kind for failure in report.failed.values())
     if kinds["crash"] + kinds["error"]:
         lines.append("  crashes and errors are tried again by the next sweep")

@@ -149,7 +149,7 @@ def write_table(
     if unknown := set(columns) - {name for name, _, _ in described}:
         msg = f"no unit and description for column(s) {', '.join(sorted(unknown))}"
         raise KeyError(msg)
-    arrays = [pa.array(columns[name]) for name, _, _ in described]
+    arrays = [_arrow(columns[name]) for name, _, _ in described]
     schema = pa.schema(
         [
             pa.field(name, array.type, metadata={"unit": unit, "description": text})
@@ -157,6 +157,16 @@ def write_table(
         ]
     )
     write_arrow(path, pa.Table.from_arrays(arrays, schema=schema), summary)
+
+
+def _arrow(values: Any) -> "pyarrow.Array":
+    import pyarrow as pa
+
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        # As it lies in memory: pyarrow.array would import pandas, in each worker, to look at it.
+        series = np.ascontiguousarray(values)
+        return pa.Array.from_buffers(pa.float64(), len(series), [None, pa.py_buffer(series)])
+    return pa.array(values)
 
 
 def write_arrow(path: Path, table: "pyarrow.Table", summary: Mapping[str, Any]) -> None:

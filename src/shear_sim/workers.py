@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import FrameType
@@ -243,22 +243,17 @@ def _prepare(jobs: Sequence["Job"], link: Connection) -> None:
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
     runner.environment()
-    with _told_when_compiling(link):
-        compile_for(jobs)
+    compile_for(jobs, lambda: link.send(Compiling()))
 
 
-def compile_for(jobs: Sequence["Job"]) -> None:
-    """Compile, or load from the cache, the kernels of all ``jobs``."""
+def compile_for(jobs: Sequence["Job"], tell: Callable[[], None]) -> None:
+    """Load the kernels of all ``jobs`` from the cache, or compile them.
+
+    ``tell`` is called once, before the first function that is not in the cache.
+    """
     points: dict[str, dict[int, Any]] = {}
     for job in jobs:  # replicates share their point
         points.setdefault(job.point.kind, {})[id(job.point)] = job.point
-    for kind, of_kind in points.items():
-        models.model(kind).compile_for(list(of_kind.values()))
-
-
-@contextlib.contextmanager
-def _told_when_compiling(link: Connection) -> Iterator[None]:
-    """Tell the supervisor at the first function that is not in the cache."""
     from numba.core import event
 
     class Teller(event.Listener):
@@ -267,13 +262,14 @@ def _told_when_compiling(link: Connection) -> Iterator[None]:
         def on_start(self, event: Any) -> None:  # noqa: ARG002
             if not self.told:
                 self.told = True
-                link.send(Compiling())
+                tell()
 
         def on_end(self, event: Any) -> None:
             pass
 
     with event.install_listener("numba:compile", Teller()):
-        yield
+        for kind, of_kind in points.items():
+            models.model(kind).compile_for(list(of_kind.values()))
 
 
 def _work(number: int, channel: Connection, jobs: Sequence["Job"], folder: Path) -> None:

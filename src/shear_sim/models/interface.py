@@ -44,7 +44,7 @@ class Simulation(Protocol):
         """Return the records made so far, every stored column, each of shape (done,)."""
 
     def summary(self) -> dict[str, Any]:
-        """Return JSON-ready facts: derived, protocol, preparation, checks."""
+        """Return JSON-ready facts: derived, protocol, preparation, checks, flags."""
 
 
 class Point(Section):

@@ -405,7 +405,7 @@ def substep(constants: Constants, work: Work, rate: float) -> float:
     h = min(h, constants.step_rolling / np.sqrt(longest2), constants.step_dashpot / longest2)
     if rate != 0.0:
         h = min(h, constants.step_strain / abs(rate))
-    return h
+    return float(h)
 
 
 @jit

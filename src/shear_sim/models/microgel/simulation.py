@@ -258,7 +258,7 @@ class MicrogelSimulation:
         return {n: self._table[: self.done, c].copy() for c, n in enumerate(self.names)}
 
     def summary(self) -> dict[str, Any]:
-        """Return derived constants, protocol, preparation and self-checks."""
+        """Return derived constants, protocol, preparation, self-checks and flags."""
         c, clock, shear = self.constants, self.clock, self.point.shear
         k, tau = time_scale(self.point.model, self.discs.mass)
         period = clock.step * clock.per_period
@@ -296,6 +296,7 @@ class MicrogelSimulation:
             "protocol": protocol,
             "preparation": self.preparation,
             "checks": self._checks(),
+            "flags": {"not_at_rest": not self.preparation.get("at_rest", True)},
         }
 
     def _checks(self) -> dict[str, float]:
@@ -350,10 +351,13 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
 def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, int, float, float]:
     """Return discs, given pairs, number of given links, and the cell's width and height [m]."""
     packing = point.packing
-    if packing.start != "file" or packing.file is None:
+    if packing.start != "file":
         start = start_discs(packing, point.cell, streams)
         discs = make_discs(start.position, start.radius, density=packing.density)
         return discs, make_pairs(), 0, start.width, start.height
+    if packing.file is None:
+        msg = "packing.start is file, but packing.file names none"
+        raise SimulationError(msg)
     arrays = read_start(packing.file, packing.file_digest)
     velocity = [arrays.get(v, np.zeros(len(arrays["x"]))) for v in ("vx", "vy")]
     discs = make_discs(

@@ -1,0 +1,223 @@
+"""The plan of a sweep: what is done, what is missing, and what that is expected to cost."""
+
+import os
+from collections import Counter, defaultdict
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from shear_sim.results import Failure, Results
+from shear_sim.screen import duration, size
+
+if TYPE_CHECKING:
+    from shear_sim.study import Job, Study
+
+SHOWN_FAILURES = 10
+
+
+class Costs:
+    """Mean measured cost of a job: at its own point where known, else over all jobs."""
+
+    def __init__(self) -> None:
+        self._sum: dict[str | None, float] = defaultdict(float)
+        self._count: Counter[str | None] = Counter()
+
+    def add(self, point: str, cost: float) -> None:
+        """Take one measurement."""
+        for key in (point, None):
+            self._sum[key] += cost
+            self._count[key] += 1
+
+    @property
+    def measured(self) -> int:
+        """Number of measurements."""
+        return self._count[None]
+
+    def total(self, jobs: Counter[str]) -> float | None:
+        """Return the expected cost of so many jobs of each point; None if nothing is measured."""
+        if not self.measured:
+            return None
+        means = {key: self._sum[key] / count for key, count in self._count.items()}
+        return sum(count * means.get(point, means[None]) for point, count in jobs.items())
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sweep would do, and what that is expected to cost.
+
+    Attributes
+    ----------
+    shard : (i, n)
+        Which part of the study this is; all counts are of this part.
+    run : list of Job
+        New jobs, and failed ones that are tried again.
+    left_out : int
+        Jobs that would run but for ``--limit``.
+    again, waiting : dict of Failure, by job id
+        Failed jobs that are tried again, and those that failed by physics, which are not.
+    orphans : int
+        Results that the study does not ask for (any more); they are never deleted.
+    points : dict
+        Job id to the id of its point.
+    """
+
+    study: "Study"
+    results: Results
+    shard: tuple[int, int]
+    total: int
+    done: int
+    run: "list[Job]" = field(repr=False)
+    left_out: int
+    again: dict[str, Failure] = field(repr=False)
+    waiting: dict[str, Failure] = field(repr=False)
+    orphans: int
+    workers: int
+    points: dict[str, str] = field(repr=False)
+    cpu_s: Costs = field(repr=False)
+    wall_s: Costs = field(repr=False)
+    job_bytes: float | None
+    memory_mb: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the plan for a script; times in s, memory of one worker in MB."""
+        to_run = Counter(self.points[job.id] for job in self.run)
+        cpu, wall = self.cpu_s.total(to_run), self.wall_s.total(to_run)
+        return {
+            "study": self.study.name,
+            "results": str(self.results.folder),
+            "shard": list(self.shard),
+            "jobs": self.total,
+            "done": self.done,
+            "new": len(self.run) - len(self.again),
+            "left_out": self.left_out,
+            "again": [asdict(failure) for failure in self.again.values()],
+            "waiting": [asdict(failure) for failure in self.waiting.values()],
+            "orphans": self.orphans,
+            "workers": self.workers,
+            "estimate": {
+                "measured_jobs": self.cpu_s.measured,
+                "cpu_s": cpu,
+                "wall_s": None if wall is None else wall / max(self.workers, 1),
+                "disk_bytes": None if self.job_bytes is None else self.job_bytes * len(self.run),
+                "memory_mb": self.memory_mb,
+            },
+        }
+
+    def __str__(self) -> str:
+        facts = self.to_json()
+        estimate = facts["estimate"]
+        part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
+        failed = len(self.again) + len(self.waiting)
+        counts = f"{facts['new']} new, {self.done} done, {failed} failed"
+        lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
+        lines += failure_lines(self.again, "runs again")
+        lines += failure_lines(self.waiting, "by physics, left alone")
+        if self.waiting:
+            lines.append("  failures by physics are tried again only with --retry-failed")
+        if self.left_out:
+            lines.append(f"  {self.left_out} more jobs are left for later by --limit")
+        if self.orphans:
+            lines.append(f"  {self.orphans} results are not of this study file (any more); kept")
+        if self.run and estimate["cpu_s"] is not None:
+            lines.append(
+                f"  to run: about {duration(estimate['cpu_s'])} of CPU, "
+                f"{duration(estimate['wall_s'])} on {self.workers} worker(s) of "
+                f"{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
+                f"{estimate['measured_jobs']} measured jobs"
+            )
+        elif self.run:
+            lines.append(f"  to run: no job is measured yet; {self.workers} worker(s)")
+        return "\n".join(lines)
+
+
+def default_workers() -> int:
+    """Return how many jobs run at once: what Slurm gave, else the cores this process may use."""
+    if given := os.environ.get("SLURM_CPUS_PER_TASK"):
+        return int(given)
+    if "SLURM_JOB_ID" in os.environ:
+        return 1  # Slurm's own default; the other cores of the node are somebody else's
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def make_plan(
+    study: "Study",
+    results: Results,
+    *,
+    shard: tuple[int, int] = (0, 1),
+    limit: int | None = None,
+    retry_failed: bool = False,
+    jobs: int | None = None,
+) -> Plan:
+    """Compare a study with its results.
+
+    Parameters
+    ----------
+    shard : (i, n)
+        Every n-th job of the whole study sorted by id, from the i-th (from 0). Finished jobs are
+        skipped after that, so shards never overlap, whenever each is planned.
+    limit : int, optional
+        Run at most so many jobs.
+    retry_failed : bool
+        Also run jobs that failed by physics.
+    jobs : int, optional
+        Number of workers; see `default_workers`.
+    """
+    points = {job.id: point for point, of in study.groups().items() for job in of}
+    part = study.jobs()[shard[0] :: shard[1]]
+    finished, failures = results.finished(), results.failures()
+    missing = [job for job in part if job.id not in finished]
+    waiting = {
+        job.id: failures[job.id]
+        for job in missing
+        if job.id in failures and failures[job.id].kind == "physics" and not retry_failed
+    }
+    run = [job for job in missing if job.id not in waiting]
+    chosen = run[:limit]
+    cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, bool(finished))
+    return Plan(
+        study=study,
+        results=results,
+        shard=shard,
+        total=len(part),
+        done=len(part) - len(missing),
+        run=chosen,
+        left_out=len(run) - len(chosen),
+        again={job.id: failures[job.id] for job in chosen if job.id in failures},
+        waiting=waiting,
+        orphans=len(finished.difference(points)),
+        workers=min(jobs or default_workers(), len(chosen)),
+        points=points,
+        cpu_s=cpu_s,
+        wall_s=wall_s,
+        job_bytes=job_bytes,
+        memory_mb=memory_mb,
+    )
+
+
+def _measured(
+    results: Results, points: dict[str, str], any_finished: bool
+) -> tuple[Costs, Costs, float | None, float | None]:
+    """Return CPU and wall time, mean bytes and largest memory [MB] of the finished jobs."""
+    cpu_s, wall_s = Costs(), Costs()
+    if not any_finished:
+        return cpu_s, wall_s, None, None
+    names = ["job", "run.cpu_s", "run.wall_s", "bytes", "run.peak_memory_mb"]
+    rows = results.index().select(names).to_pydict()
+    for job, cpu, wall in zip(rows["job"], rows["run.cpu_s"], rows["run.wall_s"], strict=True):
+        if job in points:
+            cpu_s.add(points[job], cpu)
+            wall_s.add(points[job], wall)
+    size_sum = sum(rows["bytes"])
+    return cpu_s, wall_s, size_sum / len(rows["bytes"]), max(rows["run.peak_memory_mb"])
+
+
+def failure_lines(failures: dict[str, Failure], what: str) -> list[str]:
+    """Return a line for each failure, but not for hundreds."""
+    lines = [
+        f"  failed ({what}): {job} ({failure.kind}, tried {failure.tries} x): {failure.reason}"
+        for job, failure in list(failures.items())[:SHOWN_FAILURES]
+    ]
+    if len(failures) > SHOWN_FAILURES:
+        lines.append(f"  ... and {len(failures) - SHOWN_FAILURES} more such jobs, in failed/")
+    return lines

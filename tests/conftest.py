@@ -1,0 +1,14 @@
+"""What several test files use."""
+
+import os
+import sys
+import uuid
+
+import pytest
+
+
+@pytest.fixture
+def environment():
+    """Environment of the processes of one test, by which all of them can be found."""
+    env = {name: value for name, value in os.environ.items() if not name.startswith("SLURM")}
+    return {**env, "PYTHONPATH": os.pathsep.join(sys.path), "TEST_MARK": uuid.uuid4().hex}

@@ -1,0 +1,222 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from importlib.metadata import version
+
+import pytest
+from tools import run, write_study
+from typer.testing import CliRunner
+
+from shear_sim import cli
+from shear_sim.results import Results
+from shear_sim.tables import read_summary
+
+HEAVY = {
+    "numba",
+    "numpy",
+    "pandas",
+    "scipy",
+    "pyarrow",
+    "matplotlib",
+    "pydantic",
+    "shear_sim.sweep",
+}
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """Results with 3 finished jobs and 3 that failed by physics."""
+    folder = tmp_path_factory.mktemp("swept")
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    study = write_study(folder, "[none, physics]", replicates=1)
+    code, output = run(env, "sweep", study, "--results", folder / "results")
+    assert code == 1, output
+    return folder, env, output
+
+
+def test_help_loads_nothing_heavy(environment):
+    code = f"import sys, shear_sim.cli; print(sorted({HEAVY!r} & sys.modules.keys()))"
+    found = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
+    assert found.stdout == b"[]\n"
+
+
+def test_help_answers_in_under_half_a_second(environment):
+    """CPU time, the best of three: the machine may be busy with something else."""
+    code = (
+        "import sys, resource, subprocess; subprocess.run(sys.argv[1:], capture_output=True);"
+        "used = resource.getrusage(resource.RUSAGE_CHILDREN); print(used.ru_utime + used.ru_stime)"
+    )
+    command = [sys.executable, "-c", "from shear_sim.cli import main; main()", "--help"]
+    times = [
+        float(subprocess.check_output([sys.executable, "-c", code, *command], env=environment))
+        for _ in range(3)
+    ]
+    assert min(times) < 0.5
+
+
+def test_every_command_explains_itself_with_an_example():
+    runner = CliRunner()
+    names = [command.callback.__name__ for command in cli.app.registered_commands]
+    assert names == ["sweep", "plan", "run", "status", "show", "aggregate"]
+    for name in names:
+        shown = runner.invoke(cli.app, [name, "--help"])
+        assert shown.exit_code == 0
+        assert f"shear-sim {name} " in shown.output
+
+
+def test_version(environment):
+    assert run(environment, "--version") == (0, f"shear-sim {version('shear-sim')}\n")
+
+
+def test_a_sweep_reports_failures_and_where_to_look_next(swept):
+    folder, _, output = swept
+    results = folder / "results/study"
+    assert "6 jobs: 6 new, 0 done, 0 failed" in output
+    assert "3 of 6 jobs done (3 now" in output
+    assert "(physics): the spring broke at t = 3 s: use a softer one" in output
+    assert "tried again only with --retry-failed" in output
+    assert f"next: shear-sim aggregate {results}" in output
+
+
+def test_plan_and_dry_run_are_the_same_and_write_nothing(swept, tmp_path):
+    folder, env, _ = swept
+    study = folder / "study.yaml"
+    code, planned = run(env, "plan", study, "--results", tmp_path / "new")
+    assert code == 0
+    assert "6 jobs: 6 new" in planned
+    assert run(env, "sweep", study, "--results", tmp_path / "new", "--dry-run") == (0, planned)
+    assert not (tmp_path / "new").exists()
+
+
+def test_plan_as_json(swept):
+    folder, env, _ = swept
+    arguments = ("plan", folder / "study.yaml", "--results", folder / "results", "--json")
+    code, output = run(env, *arguments)
+    plan = json.loads(output)
+    assert code == 0
+    assert (plan["jobs"], plan["done"], plan["new"], plan["orphans"]) == (6, 3, 0, 0)
+    assert plan["again"] == []
+    assert {failure["kind"] for failure in plan["waiting"]} == {"physics"}
+    assert plan["estimate"]["measured_jobs"] == 3
+    again = json.loads(run(env, *arguments, "--retry-failed", "--shard", "0/2")[1])
+    assert again["shard"] == [0, 2]
+    assert again["jobs"] == 3
+    assert again["estimate"]["cpu_s"] > 0
+    assert again["estimate"]["disk_bytes"] > 1000 * len(again["again"])
+
+
+def test_status_for_people_and_for_scripts(swept):
+    folder, env, _ = swept
+    results = folder / "results/study"
+    code, output = run(env, "status", results)
+    assert code == 0
+    assert "3 of 6 jobs done, 3 failed, 0 missing" in output
+    assert "the spring broke" in output
+    code, output = run(
+        env, "status", folder / "study.yaml", "--results", folder / "results", "--json"
+    )
+    status = json.loads(output)
+    assert (status["planned"], status["done"], status["missing"]) == (6, 3, 0)
+    assert len(status["failed"]) == 3
+    assert status["cpu_s"] > 0
+
+
+def test_show_a_result_and_a_failure(swept):
+    folder, env, _ = swept
+    results = Results(folder / "results/study")
+    job = min(results.finished())
+    root = ("--results", folder / "results")
+    code, output = run(env, "show", job[:9], *root)
+    assert code == 0
+    assert "shear.strain_amplitude" in output
+    code, output = run(env, "show", results.job_file(job), "--json")
+    assert json.loads(output) == read_summary(results.job_file(job))
+    failed = min(results.failures())
+    code, output = run(env, "show", failed, *root)
+    assert code == 0
+    assert "the spring broke" in output
+
+
+def test_run_one_job_and_repeat_it(swept, tmp_path):
+    folder, env, _ = swept
+    job = min(Results(folder / "results/study").finished())
+    root = ("--results", tmp_path)
+    code, output = run(env, "run", folder / "study.yaml", "--job", job[:9], *root)
+    path = tmp_path / f"study/jobs/{job}.parquet"
+    assert code == 0
+    assert f"done: {path}" in output
+    code, output = run(env, "run", path, *root)
+    assert code == 0
+    assert f"the same bits as {path}" in output
+    assert (tmp_path / f"repeated/jobs/{job}.parquet").exists()
+
+
+def test_a_repeat_that_differs_says_where(swept, tmp_path):
+    from shear_sim.tables import read_table, write_table
+
+    folder, env, _ = swept
+    results = Results(folder / "results/study")
+    job = min(results.finished())
+    columns, summary = read_table(results.job_file(job))
+    columns = {**columns, "strain": columns["strain"] * (1 + 1e-15)}
+    fields = [(name, "-", "") for name in columns]
+    write_table(tmp_path / f"{job}.parquet", columns, fields, summary)
+    code, output = run(env, "run", tmp_path / f"{job}.parquet", "--results", tmp_path)
+    assert code == 1
+    assert "differs: column strain" in output
+    assert "not the same bits" in output
+
+
+def test_run_records_a_failure(swept, tmp_path):
+    folder, env, _ = swept
+    failed = min(Results(folder / "results/study").failures())
+    arguments = ("run", folder / "study.yaml", "--job", failed, "--results", tmp_path)
+    code, output = run(env, *arguments)
+    assert code == 1
+    assert f"failed: job {failed} (physics): the spring broke" in output
+    assert Results(tmp_path / "study").failures().keys() == {failed}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["sweep", "missing.yaml"], "missing.yaml"),
+        (["sweep", "bad.yaml"], "strain_amplitude"),
+        (["plan", "study.yaml", "--shard", "4/4"], "i/n with i from 0 to n - 1"),
+        (["plan", "study.yaml", "--shard", "one"], "i/n with i from 0 to n - 1"),
+        (["plan", "study.yaml", "--jobs", "0"], "--jobs"),
+        (["run", "study.yaml"], "--job ID is missing"),
+        (["run", "study.yaml", "--job", "zz"], "0 jobs of study.yaml"),
+        (["run", "study.yaml", "--job", ""], "6 jobs of study.yaml"),
+        (["run", "missing.parquet"], "no such file"),
+        (["status", "."], "not a results folder"),
+        (["status", "missing"], "missing"),
+        (["show", "0123"], "no such file"),
+        (["show", "bad.yaml"], "cannot be read as a table"),
+        (["aggregate", "."], "not a results folder"),
+        (["swep", "study.yaml"], "swep"),
+    ],
+)
+def test_bad_input_is_explained_with_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):
+    (tmp_path / "bad.yaml").write_text("shear: {strain_amplitude: -1}\n")
+    write_study(tmp_path, "[none, physics]", replicates=1)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["shear-sim", *arguments])
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    shown = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert message in shown
+    assert "Traceback" not in shown
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.yaml", "study.yaml"]
+
+
+def test_debug_shows_the_traceback(environment, tmp_path):
+    code, output = run(environment, "--debug", "plan", tmp_path / "missing.yaml")
+    assert code != 0
+    assert "Traceback" in output

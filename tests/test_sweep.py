@@ -1,0 +1,323 @@
+"""Sweeps end to end: real processes, real files, a model that a pencil can check."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+
+import pytest
+from tools import processes, run, start, wait_until, write_study
+
+import shear_sim
+from shear_sim import sweep
+from shear_sim.plan import Costs, default_workers, make_plan
+from shear_sim.results import Results
+from shear_sim.screen import Screen
+from shear_sim.single import differences
+from shear_sim.study import load_study
+from shear_sim.tables import read_table
+
+
+def make(study_file, root, **options):
+    """Run a sweep in this process, silently."""
+    study = load_study(study_file)
+    results = Results(root / study.name)
+    plan = make_plan(study, results, **options)
+    return plan, sweep.run_plan(plan, Screen()), results
+
+
+def assert_same(one, other):
+    names = sorted(path.name for path in one.jobs.iterdir())
+    assert names == sorted(path.name for path in other.jobs.iterdir())
+    for name in names:
+        assert differences(read_table(one.jobs / name), read_table(other.jobs / name)) == []
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The results of the study that the tests below disturb: one worker, no interruption."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    plan, report, results = make(write_study(folder), folder, jobs=1)
+    assert (len(plan.run), report.done, report.exit_code) == (12, 12, 0)
+    return results
+
+
+def test_workers_do_not_change_a_bit(undisturbed, tmp_path):
+    _, report, results = make(write_study(tmp_path), tmp_path, jobs=3)
+    assert report.exit_code == 0
+    assert_same(undisturbed, results)
+
+
+def test_shards_cover_the_study_once_and_change_no_bit(undisturbed, tmp_path):
+    study = write_study(tmp_path)
+    counts = []
+    for index in (2, 0, 1):
+        plan, report, results = make(study, tmp_path, shard=(index, 3), jobs=1)
+        counts.append((plan.total, report.done))
+    assert counts == [(4, 4)] * 3
+    assert_same(undisturbed, results)
+    ids = sorted(path.stem for path in results.jobs.iterdir())
+    plan = make_plan(load_study(study), Results(tmp_path / "other"), shard=(1, 3))
+    assert [job.id for job in plan.run] == ids[1::3]
+
+
+def test_a_shard_is_cut_before_finished_jobs_are_skipped(undisturbed, tmp_path):
+    study = load_study(write_study(tmp_path))
+    results = Results(tmp_path / "results")
+    empty = make_plan(study, results, shard=(0, 2))
+    results.jobs.mkdir(parents=True)
+    done = empty.run[0].id
+    results.job_file(done).write_bytes(undisturbed.job_file(done).read_bytes())
+    later = make_plan(study, results, shard=(0, 2))
+    assert [job.id for job in later.run] == [job.id for job in empty.run[1:]]
+
+
+def test_limit_and_growth_keep_old_jobs(undisturbed, tmp_path):
+    study = write_study(tmp_path, replicates=2)
+    plan, report, results = make(study, tmp_path, limit=4)
+    assert (report.done, report.left, plan.left_out, report.exit_code) == (4, 2, 2, 0)
+    first = {path: path.stat().st_mtime_ns for path in results.jobs.iterdir()}
+    plan, report, results = make(write_study(tmp_path), tmp_path)
+    assert (plan.done, report.done) == (4, 8)
+    assert all(path.stat().st_mtime_ns == time for path, time in first.items())
+    assert_same(undisturbed, results)
+    smaller = make_plan(load_study(write_study(tmp_path, replicates=1)), results)
+    assert (smaller.done, smaller.run, smaller.orphans) == (3, [], 9)
+
+
+def test_a_failing_job_does_not_touch_the_others(undisturbed, tmp_path, monkeypatch):
+    study = write_study(tmp_path, "[none, physics, bug, exit, kill]", replicates=1)
+    _, report, results = make(study, tmp_path, jobs=2)
+    assert (report.done, len(report.failed), report.exit_code) == (3, 12, 1)
+    failures = {job.id: results.failures().get(job.id) for job in load_study(study).jobs()}
+    by_fault = {}
+    for job in load_study(study).jobs():
+        by_fault.setdefault(job.point.model.fault, []).append(failures[job.id])
+    assert by_fault["none"] == [None] * 3
+    assert {failure.kind for failure in by_fault["physics"]} == {"physics"}
+    assert "the spring broke at t = 3 s" in by_fault["physics"][0].reason
+    bug = by_fault["bug"][0]
+    assert (bug.kind, bug.reason) == ("error", "ZeroDivisionError: a bug in the model")
+    assert any("kelvin_voigt.py" in line for line in bug.traceback)
+    assert {(f.kind, f.exit_code, f.signal) for f in by_fault["exit"]} == {("crash", 7, None)}
+    assert {(f.kind, f.exit_code, f.signal) for f in by_fault["kill"]} == {
+        ("crash", None, "SIGKILL")
+    }
+    for job in results.finished():
+        name = f"{job}.parquet"
+        assert differences(*(read_table(r.jobs / name) for r in (undisturbed, results))) == []
+
+    plan, report, _ = make(study, tmp_path)
+    assert (len(plan.waiting), len(plan.again), report.exit_code) == (3, 9, 1)
+    assert {failure.tries for failure in report.failed.values()} == {2}
+    assert "tried again only with --retry-failed" in str(plan)
+
+    monkeypatch.setenv("HEALED", "1")
+    plan, report, _ = make(study, tmp_path)
+    assert (report.done, report.waiting, report.exit_code) == (9, 3, 1)
+    assert {failure.kind for failure in results.failures().values()} == {"physics"}
+    plan, report, _ = make(study, tmp_path, retry_failed=True)
+    assert (report.done, report.exit_code) == (3, 0)
+    assert list(results.failed.iterdir()) == []
+
+
+def test_a_full_disk_stops_the_sweep_and_is_no_jobs_failure(tmp_path, environment):
+    study = write_study(tmp_path, "[full]")
+    code, output = run(environment, "sweep", study, "--results", tmp_path / "results")
+    assert code == 1
+    assert "results cannot be written" in output
+    assert "No space left on device" in output
+    assert "Traceback" not in output
+    assert list((tmp_path / "results/study/failed").iterdir()) == []
+
+
+def test_results_that_cannot_be_written_are_bad_input(tmp_path, environment):
+    (tmp_path / "file").write_text("")
+    study = write_study(tmp_path)
+    code, output = run(environment, "sweep", study, "--results", tmp_path / "file")
+    assert code == 2
+    assert f"{tmp_path / 'file/study'}: results cannot be written" in output
+    assert "Traceback" not in output
+
+
+def test_kernels_that_do_not_compile_end_the_sweep_with_the_reason(tmp_path, environment):
+    study = write_study(tmp_path, "[uncompilable]")
+    arguments = ("sweep", study, "--results", tmp_path / "results")
+    code, output = run(environment, *arguments)
+    assert code == 1
+    assert "the kernels cannot be prepared: TypeError: contact law: no such function" in output
+    assert "Traceback" not in output
+    code, output = run(environment, "--debug", *arguments)
+    assert "Traceback" in output
+    assert 'kelvin_voigt.py", line' in output
+
+
+def test_the_first_line_comes_at_once_and_compilation_is_said_once(tmp_path, environment):
+    environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
+    arguments = ("sweep", write_study(tmp_path), "--results", tmp_path / "results")
+    began = time.monotonic()
+    process = start(environment, *arguments, "--limit", 2)
+    process.stdout.readline()
+    assert time.monotonic() - began < 5
+    output, _ = process.communicate(timeout=120)
+    assert "compiling the kernels: once" in output
+    assert "next: shear-sim aggregate" in output
+    code, output = run(environment, *arguments)
+    assert code == 0
+    assert "compiling" not in output
+    assert re.search(r"from 2 measured jobs", output)
+
+
+def test_an_unwritable_code_cache_is_said_and_compiled_once(tmp_path, environment):
+    (tmp_path / "file").write_text("")
+    environment["SHEAR_SIM_CACHE"] = str(tmp_path / "file/cache")
+    code, output = run(
+        environment, "sweep", write_study(tmp_path), "--results", tmp_path / "results", "-j", 3
+    )
+    assert code == 0
+    assert output.count("compiled code cannot be kept") == 1
+    assert output.count("compiling the kernels") == 1
+
+
+def test_kill_9_of_the_sweep_loses_nothing_and_leaves_no_process(
+    undisturbed, tmp_path, environment
+):
+    study = write_study(tmp_path, seconds=0.1)
+    results = Results(tmp_path / "results/study")
+    arguments = ("sweep", study, "--results", tmp_path / "results", "--jobs", 2)
+    for _ in range(2):
+        before = len(results.finished())
+        process = start(environment, *arguments)
+        wait_until(lambda before=before: len(results.finished()) > before + 1)
+        process.kill()
+        process.communicate()
+        wait_until(lambda: not processes(environment), 5)
+    assert len(results.finished()) < 12
+    code, _ = run(environment, *arguments)
+    assert code == 0
+    assert [path for path in results.jobs.iterdir() if path.suffix != ".parquet"] == []
+    assert_same_but_for_the_wait(undisturbed, results)
+
+
+def assert_same_but_for_the_wait(undisturbed, slow):
+    """Compare columns and moduli: the slow study differs in ``model.seconds``, hence in ids."""
+
+    def facts(results):
+        tables = [read_table(path) for path in results.jobs.iterdir()]
+        return sorted(
+            (
+                [values.tobytes() for values in table.columns.values()],
+                str(table.summary["moduli"]),
+            )
+            for table in tables
+        )
+
+    assert facts(slow) == facts(undisturbed)
+
+
+def test_kill_9_of_workers_and_server_loses_their_jobs_only(undisturbed, tmp_path, environment):
+    study = write_study(tmp_path, seconds=0.2)
+    results = Results(tmp_path / "results/study")
+    arguments = ("sweep", study, "--results", tmp_path / "results", "--jobs", 2)
+    process = start(environment, *arguments)
+    wait_until(lambda: len(results.finished()) > 1)
+    supervisor, server, *workers = processes(environment)
+    assert supervisor == process.pid
+    os.kill(workers[0], signal.SIGKILL)
+    wait_until(lambda: len(results.failures()) == 1)
+    os.kill(server, signal.SIGKILL)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 1, output
+    assert {failure.signal for failure in results.failures().values()} == {"SIGKILL"}
+    assert len(results.finished()) + len(results.failures()) == 12
+    assert 2 <= len(results.failures()) <= 3  # one worker, then the server with its two
+    code, output = run(environment, *arguments)
+    assert code == 0, output
+    assert_same_but_for_the_wait(undisturbed, results)
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 75), (signal.SIGUSR1, 75), (signal.SIGHUP, 75)],
+)
+def test_signals_stop_the_sweep_with_their_exit_code(number, code, tmp_path, environment):
+    study = write_study(tmp_path, seconds=0.3)
+    results = Results(tmp_path / "results/study")
+    process = start(environment, "sweep", study, "--results", tmp_path / "results", "-j", 2)
+    wait_until(lambda: len(results.finished()) > 1)
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=10)
+    assert process.returncode == code, output
+    assert f"stopped by {number.name}" in output
+    assert "next: the same command again" in output
+    assert "Traceback" not in output
+    assert results.failures() == {}
+    wait_until(lambda: not processes(environment), 5)
+    assert {path.suffix for path in results.jobs.iterdir()} == {".parquet"}
+
+
+def test_a_signal_while_compiling_stops_at_once(tmp_path, environment):
+    environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
+    process = start(environment, "sweep", write_study(tmp_path), "--results", tmp_path / "results")
+    for line in process.stdout:
+        if line.startswith("compiling"):
+            break
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=3)
+    assert process.returncode == 75
+
+
+def test_two_sweeps_at_once_are_harmless(undisturbed, tmp_path, environment):
+    study = write_study(tmp_path)
+    both = [start(environment, "sweep", study, "--results", tmp_path / "results") for _ in "ab"]
+    for process in both:
+        output, _ = process.communicate(timeout=60)
+        assert process.returncode == 0, output
+    assert_same(undisturbed, Results(tmp_path / "results/study"))
+
+
+def test_the_python_api_needs_no_main_guard(undisturbed, tmp_path, environment):
+    """multiprocessing would import the script again in every worker, and start sweeps there."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, kelvin_voigt, shear_sim\n"
+        "study = shear_sim.load_study(sys.argv[1])\n"
+        "runs = shear_sim.run_study(study, results=sys.argv[2], jobs=2)\n"
+        "print(len(runs), runs['moduli.periodic.storage'].round().unique())\n"
+    )
+    command = [sys.executable, script, write_study(tmp_path), tmp_path / "results"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1].startswith("12 [")
+    assert_same(undisturbed, Results(tmp_path / "results/study"))
+
+
+def test_the_api_returns_the_finished_jobs_of_the_study_only(tmp_path, capsys):
+    write_study(tmp_path, replicates=2)
+    assert len(shear_sim.run_study(tmp_path / "study.yaml", tmp_path)) == 6
+    runs = shear_sim.run_study(write_study(tmp_path, "[none, physics]", replicates=1), tmp_path)
+    assert len(runs) == 3
+    assert runs["model.fault"].unique().tolist() == ["none"]
+    assert "the spring broke" in capsys.readouterr().out
+
+
+def test_workers_come_from_slurm_or_from_the_affinity(monkeypatch):
+    for name in ("SLURM_JOB_ID", "SLURM_CPUS_PER_TASK"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5})
+    assert default_workers() == 3
+    monkeypatch.setenv("SLURM_JOB_ID", "17")
+    assert default_workers() == 1
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "4")
+    assert default_workers() == 4
+
+
+def test_costs_use_the_point_where_it_is_measured():
+    costs = Costs()
+    todo = Counter({"slow": 2, "fast": 1, "unknown": 1})
+    assert costs.total(todo) is None
+    for point, cost in [("slow", 9.0), ("slow", 11.0), ("fast", 1.0)]:
+        costs.add(point, cost)
+    assert costs.total(todo) == pytest.approx(2 * 10 + 1 + 7)

@@ -1,0 +1,62 @@
+"""Studies of the stand-in model and the processes that run them."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import kelvin_voigt  # noqa: F401 - makes the model known
+
+COMMAND = "import kelvin_voigt; from shear_sim.cli import main; main()"
+STUDY = """
+model: {{kind: kelvin_voigt, noise: 0.3, seconds: {seconds}}}
+sweep:
+  grid:
+    shear.strain_amplitude: [0.01, 0.1, 1.0]
+    model.fault: {faults}
+replicates: {replicates}
+seed: 5
+"""
+
+
+def write_study(folder, faults="[none]", seconds=0.0, replicates=4):
+    path = folder / "study.yaml"
+    path.write_text(STUDY.format(faults=faults, seconds=seconds, replicates=replicates))
+    return path
+
+
+def start(environment, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *map(str, arguments)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def run(environment, *arguments):
+    process = start(environment, *arguments)
+    output, _ = process.communicate(timeout=120)
+    return process.returncode, output
+
+
+def processes(environment):
+    """Return the process ids of this test's children, oldest first."""
+    mark = f"TEST_MARK={environment['TEST_MARK']}".encode()
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark in (folder / "environ").read_bytes():
+                found.append(int(folder.name))
+        except (FileNotFoundError, ProcessLookupError, PermissionError):
+            continue
+    return sorted(found)
+
+
+def wait_until(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+    return value

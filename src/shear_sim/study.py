@@ -61,7 +61,7 @@ class Job:
     @classmethod
     def create(cls, point: Point, seed: int, replicate: int, labels: Labels = ()) -> "Job":
         """Return the job of ``point``, its floats rounded to 12 significant digits."""
-        point = type(point).model_validate(_rounded(point.model_dump()))
+        point = type(point).model_validate(_rounded(point.model_dump())).resolved()
         key = _canonical(parameters(point))
         return cls(_job_id(point.kind, key, seed, replicate), point, seed, replicate, labels)
 
@@ -398,7 +398,7 @@ class _Reader:
         except _Fault as fault:
             self._report(fault.complaint, data, changes)
         else:
-            return point
+            return point.resolved()
         return None
 
     def _read_files(self, point: Point) -> Iterator[Change]:

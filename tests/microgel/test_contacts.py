@@ -90,7 +90,7 @@ def test_small_loops_are_reversible():
 
 def test_dashpot_is_inside_the_coulomb_cap():
     """|k_T ξ + η_T v_t| ≤ μN as a whole, and the spring itself never exceeds the cap."""
-    force, kind, h = drive(np.full(100, 1.0), etat=0.05)
+    force, _, h = drive(np.full(100, 1.0), etat=0.05)
     u = np.arange(1, 101) * h
     assert np.abs(force - np.minimum(KT * u + 0.05, CAP)).max() < 1e-13
     back, _, _ = drive(np.concatenate([np.full(100, 1.0), [-1.0]]), etat=0.05)

@@ -1,6 +1,7 @@
 """The contact laws of Fig. S1-3: r = 10 µm, E = 8 kPa, force per metre of depth."""
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -80,7 +81,7 @@ def test_plateau_law():
 def test_laws_are_repulsive_continuous_and_vanish_at_contact(section):
     forces = [force(section, x * D / 2000) for x in range(1900)]
     assert forces[0] == 0
-    steps = [b - a for a, b in zip(forces, forces[1:], strict=False)]
+    steps = [b - a for a, b in pairwise(forces)]
     assert min(steps) > 0
     assert max(steps) < 0.3 * K * D
 
@@ -97,5 +98,5 @@ def test_own_law():
     """The call-back of section 4.3.2: four arguments, negative is repulsive."""
     source = "def contact_force(d, d0, k, c):\n    return -k * (d0 - d) * (1 + c)\n"
     assert force(CustomLaw(kind="custom", source=source, repulsion=0.5), R) == 1.5 * K * R
-    with pytest.raises(ValueError, match="must define .*contact_force"):
+    with pytest.raises(ValueError, match=r"must define .*contact_force"):
         CustomLaw(kind="custom", source="x = 1\n")

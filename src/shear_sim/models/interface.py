@@ -1,7 +1,7 @@
 """What the runner knows of a physical model, and nothing else."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,10 @@ class Point(Section):
     def kind(self) -> str:
         """Name of the model, ``model.kind`` of the study file."""
         raise NotImplementedError(type(self).__name__)
+
+    def resolved(self) -> Self:
+        """Return the point with every default that follows from other parameters filled in."""
+        return self
 
     @property
     def recorded(self) -> tuple[str, ...] | None:

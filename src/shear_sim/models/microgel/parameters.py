@@ -322,6 +322,14 @@ class MicrogelPoint(Point):
         keys = ("integrator.steps_per_period", "shear.relative_frequency", "shear.kind")
         return [(("record.every", *keys), message)]
 
+    def resolved(self) -> Self:
+        """Return the point with its number of steps and the height of its cell filled in."""
+        steps = self.integrator.model_copy(update={"steps_per_period": self.steps_per_period})
+        cell = self.cell
+        if cell.height is None and self.packing.start != "hexagonal":  # a crystal has its own
+            cell = cell.model_copy(update={"height": cell.width})
+        return self.model_copy(update={"integrator": steps, "cell": cell})
+
     @property
     def recorded(self) -> tuple[str, ...] | None:
         """Stored columns that the result table shall hold, time and strain always; None: all."""

@@ -102,12 +102,12 @@ def tensor(tensors, name):
 
 
 def instants():
-    found = []
-    for path in STATES:
-        for k in (0, 100, 200, 300):
-            if f"nb{k}_ptr" in np.load(path).files and k < len(np.load(path)["rate"]):
-                found.append(pytest.param(path, k, id=f"{path.stem}-{k}"))
-    return found
+    return [
+        pytest.param(path, k, id=f"{path.stem}-{k}")
+        for path in STATES
+        for k in (0, 100, 200, 300)
+        if f"nb{k}_ptr" in np.load(path).files and k < len(np.load(path)["rate"])
+    ]
 
 
 def test_all_states_are_here():

@@ -218,7 +218,7 @@ def start_discs(packing: Packing, cell: Cell, streams: Streams) -> Start:
     position = rng.random((packing.discs, 2)) * (width, height)
     closest = 1e-6 * radius.min()
     while len(
-        close := KDTree(position, boxsize=(width, height)).query_pairs(
+        close := KDTree(position, boxsize=np.array([width, height])).query_pairs(
             closest, output_type="ndarray"
         )
     ):

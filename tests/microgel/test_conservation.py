@@ -53,15 +53,14 @@ def test_overall_stress_stays_symmetric(long_run, prefix):
     scale = np.abs(c[f"{prefix}overall_xx"]) + np.abs(c[f"{prefix}overall_yy"])
     assert (love_weber / scale).max() > 1e-5  # there is something to mend
     error = np.abs(c[f"{prefix}overall_xy"] - c[f"{prefix}overall_yx"]) / scale
-    # A run of 1,200 records of a sum over some hundred contacts: a few units of the last place.
-    assert error.max() < 3e-15
+    assert error.max() < 1e-15
 
 
 def test_self_check_of_the_summary_sees_the_same(long_run):
     simulation, _ = long_run
     checks = simulation.summary()["checks"]
-    assert checks["asymmetry_periodic"] < 3e-15
-    assert checks["asymmetry_internal"] < 3e-15
+    assert checks["asymmetry_periodic"] < 1e-15
+    assert checks["asymmetry_internal"] < 1e-15
     assert checks["momentum"] < 1e-12
 
 

@@ -58,7 +58,7 @@ def make_links(network: Network, section: Links, streams: Streams) -> tuple[Bool
     if section.cut in ("cells", "lines") or section.cut_top_bottom:
         linked = _cut(network, section, streams)
     before = int(linked.sum())
-    essential = before - _forest(network, linked, np.flatnonzero(linked)).sum()
+    non_essential = before - _forest(network, linked, np.flatnonzero(linked)).sum()
     removed = 0
     if section.remove_fraction > 0:
         linked, removed = _remove(network, linked, section.remove_fraction, streams)
@@ -69,9 +69,10 @@ def make_links(network: Network, section: Links, streams: Streams) -> tuple[Bool
         "links": int(linked.sum()),
         "particles": int(particles(network, linked).max()) + 1,
         "links_before_removal": before,
-        "non_essential_links": int(essential),
+        "non_essential_links": int(non_essential),
         "removed_links": removed,
         "removed_fraction": removed / before if before else 0.0,
+        "removed_of_non_essential": float(removed / non_essential) if non_essential else 0.0,
         "joined_isolated": joined,
     }
     return linked, report

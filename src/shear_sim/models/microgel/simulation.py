@@ -215,7 +215,8 @@ class MicrogelSimulation:
         self.constants, self.clock = constants, clock
         self.preparation = preparation
         self.work = make_work(len(discs.x))
-        self.steps = clock.end + round(point.shear.post_periods * clock.per_period)
+        steps = clock.end + round(point.shear.post_periods * clock.per_period)
+        self.steps = -(-steps // clock.every) * clock.every  # the last rest ends with a record
         self.done = 0
         self.substeps = 0
         self.names = ROW + ENERGIES if point.record.energy else ROW
@@ -401,7 +402,7 @@ def _relax(
     work, pairs, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0
     for stage_law, stage, tolerance in (
         (laws.divergent, linear, 1e-3),
-        (law, at_rest, rest.force_tolerance),
+        (law, at_rest, 0.5 * rest.force_tolerance),  # half, as settling adds its own rounding
     ):
         kernels = kernels_for(stage_law, tangential=False)
         pairs, made, force = kernels.relax(
@@ -467,9 +468,7 @@ def _settle(
         turning = float((np.abs(work.torque) / discs.radius).max()) / unit
         speed2 = discs.cx**2 + discs.cy**2
         energy = 0.5 * (discs.mass * speed2 + discs.inertia * discs.spin**2).mean() / energy_unit
-        at_rest = (
-            max(force, turning) <= 2 * rest.force_tolerance and energy <= rest.energy_tolerance
-        )
+        at_rest = max(force, turning) <= rest.force_tolerance and energy <= rest.energy_tolerance
         if at_rest or steps >= rest.max_steps:
             break
         pairs, _, _, status = kernels.run(

@@ -53,9 +53,6 @@ class KelvinVoigtPoint(Point):
     def kind(self):
         return self.model.kind
 
-    def start(self, streams):
-        return _Simulation(self, streams)
-
 
 POINT = KelvinVoigtPoint
 
@@ -126,6 +123,10 @@ def fail(how):
 @jit
 def spring(strain, modulus):
     return modulus * strain
+
+
+def start(point, streams):
+    return _Simulation(point, streams)
 
 
 def derive(columns):

@@ -48,10 +48,10 @@ def run_job(job: "Job", folder: Path) -> Path:
     if path.exists():
         return path
     clock = _Clock()
-    simulation = job.point.start(job.streams)
+    model = models.model(job.point.kind)
+    simulation = model.start(job.point, job.streams)
     while simulation.done < simulation.rows:
         simulation.advance(BLOCK)
-    model = models.model(job.point.kind)
     columns = simulation.columns()
     what = job.to_json()
     identity = {key: what[key] for key in ("id", "replicate", "seed", "model", "physics_version")}

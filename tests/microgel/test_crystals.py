@@ -26,6 +26,7 @@ from shear_sim.models.microgel.simulation import (
     make_constants,
     make_discs,
     make_pairs,
+    prepare,
     time_scale,
 )
 from shear_sim.packing import Packing, start_discs
@@ -114,7 +115,7 @@ def test_frictional_crystal(packing_fraction, x):
     else:
         storage += unit
     point = crystal(packing_fraction, DivergentLaw(), gamma_c / x, mu)
-    result, _ = measure(point.start(Streams(0, 0)))
+    result, _ = measure(prepare(point, Streams(0, 0)))
     assert result.storage == pytest.approx(storage, rel=0.01)
     # The dashpots add 2·10⁻⁴ of the storage modulus.
     assert result.loss == pytest.approx(loss, rel=0.01, abs=1e-3 * storage)
@@ -127,7 +128,7 @@ def test_prestress_softens_the_frictionless_crystal(law, compression):
     s = 1 + compression
     expected = 1 - 3 * (s - 1) if law.kind == "linear" else s**2 - 3 * s * (s - 1)
     point = crystal(TOUCHING * s**2, law, 1e-5)
-    result, _ = measure(point.start(Streams(0, 0)))
+    result, _ = measure(prepare(point, Streams(0, 0)))
     assert result.storage == pytest.approx(math.sqrt(3) / 4 * K * expected, rel=1e-5)
 
 
@@ -138,7 +139,7 @@ def test_historical_sums_miss_contacts_across_the_edges():
     """
     s = 1.1
     point = crystal(TOUCHING * s**2, DivergentLaw(), 1e-6)
-    simulation = point.start(Streams(0, 0))
+    simulation = prepare(point, Streams(0, 0))
     simulation.advance(1)
     derived = derive(simulation.columns())
     spacing = simulation.constants.width / 4

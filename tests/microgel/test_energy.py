@@ -18,6 +18,7 @@ from shear_sim.models.microgel.parameters import (
     PlateauLaw,
     Record,
 )
+from shear_sim.models.microgel.simulation import prepare
 from shear_sim.packing import Cell, Packing
 from shear_sim.protocol import OscillatoryShear, SteadyShear
 from shear_sim.streams import Streams
@@ -34,7 +35,7 @@ def residual(steps, *, shear=None, boundary="lees_edwards", scheme="velocity_ver
         integrator=Integrator(steps_per_period=steps, scheme=scheme),
         record=Record(energy=True),
     )
-    simulation = point.start(Streams(1, 1))
+    simulation = prepare(point, Streams(1, 1))
     simulation.advance(simulation.rows)
     c = simulation.columns()
     lost = sum(values for name, values in c.items() if name.startswith("lost"))

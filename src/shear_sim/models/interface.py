@@ -67,10 +67,6 @@ class Point(Section):
         """Stored columns that the result table shall hold; None: all."""
         return None
 
-    def start(self, streams: Streams) -> Simulation:
-        """Prepare the simulation (packing, equilibration) and return it."""
-        raise NotImplementedError(type(self).__name__)
-
 
 class Model(Protocol):
     """What a model package exports (``shear_sim.models.<kind>``)."""
@@ -83,6 +79,10 @@ class Model(Protocol):
     @staticmethod
     def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
         """Return the derived columns that can be computed from the stored ones."""
+
+    @staticmethod
+    def start(point: Any, streams: Streams) -> Simulation:
+        """Prepare a simulation: packing, equilibration."""
 
     @staticmethod
     def compile_for(points: Sequence[Any]) -> None:

@@ -6,13 +6,22 @@ Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``si
 
 from collections.abc import Sequence
 
+from shear_sim.models.interface import Simulation
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
+from shear_sim.streams import Streams
 
 POINT = MicrogelPoint
 PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
 
-__all__ = ["COLUMNS", "DERIVED", "PHYSICS_VERSION", "POINT", "compile_for", "derive"]
+__all__ = ["COLUMNS", "DERIVED", "PHYSICS_VERSION", "POINT", "compile_for", "derive", "start"]
+
+
+def start(point: MicrogelPoint, streams: Streams) -> Simulation:
+    """Prepare a simulation: packing, equilibration, links, equilibration."""
+    from shear_sim.models.microgel.simulation import prepare  # loads Numba
+
+    return prepare(point, streams)
 
 
 def compile_for(points: Sequence[MicrogelPoint]) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from shear_sim.models.interface import Point, Simulation
+from shear_sim.models.interface import Point
 from shear_sim.packing import Cell, Packing, check_cell
 from shear_sim.protocol import OscillatoryShear, Shear
 from shear_sim.schema import (
@@ -19,7 +19,6 @@ from shear_sim.schema import (
     Section,
     default_kind,
 )
-from shear_sim.streams import Streams
 
 Repulsion = Annotated[
     Fraction, Field(description="weight of the divergent part: 0 is linear, 1 is S1-5b")
@@ -335,9 +334,3 @@ class MicrogelPoint(Point):
         """Stored columns that the result table shall hold, time and strain always; None: all."""
         chosen = self.record.columns
         return None if chosen is None else tuple(dict.fromkeys(("time", "strain", *chosen)))
-
-    def start(self, streams: Streams) -> Simulation:
-        """Prepare the simulation: packing, equilibration, links, equilibration."""
-        from shear_sim.models.microgel.simulation import prepare  # loads Numba
-
-        return prepare(self, streams)

@@ -53,7 +53,9 @@ def _axis(value: object) -> object:
 def _spaced(how: str, ends: object) -> tuple[float, ...]:
     match ends:
         case [int() | float() as first, int() | float() as last, int(number)] if (
-            2 <= number <= MAX_POINTS and max(abs(first), abs(last)) < 1e300
+            not any(isinstance(end, bool) for end in ends)
+            and 2 <= number <= MAX_POINTS
+            and max(abs(first), abs(last)) < 1e300
         ):
             pass
         case _:
@@ -69,12 +71,15 @@ def _spaced(how: str, ends: object) -> tuple[float, ...]:
         raise ValueError(msg)
     values = [round12(value) for value in (first, *inner, last)]
     # A whole number of discs or of steps is not written 10.0.
-    if isinstance(first, int) and isinstance(last, int) and all(v.is_integer() for v in values):
-        return tuple(int(value) for value in values)
+    if isinstance(first, int) and isinstance(last, int):
+        return tuple(int(value) if value.is_integer() else value for value in values)
     return tuple(values)
 
 
 def _one_or_more(value: object) -> object:
+    if not isinstance(value, dict | list | tuple):
+        msg = "must be a section, `{grid: ...}`, or a list of sections"
+        raise ValueError(msg)
     return [value] if isinstance(value, dict) else value
 
 

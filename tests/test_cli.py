@@ -216,6 +216,48 @@ def test_bad_input_is_explained_with_exit_code_2(arguments, message, tmp_path, m
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.yaml", "study.yaml"]
 
 
+@pytest.mark.parametrize("value", ["0", "-1", "abc", "2(x3)"])
+def test_a_number_of_cores_that_is_none_is_bad_input(value, environment, tmp_path):
+    environment = {**environment, "SLURM_CPUS_PER_TASK": value}
+    study = write_study(tmp_path)
+    code, output = run(environment, "plan", study)
+    assert code == 2
+    assert f"shear-sim: SLURM_CPUS_PER_TASK={value}: must be a whole number above 0" in output
+    assert run(environment, "plan", study, "--jobs", "2")[0] == 0
+
+
+SIGNALLED = """
+import os, sys
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "pydantic":
+            os.kill(os.getpid(), {number})
+
+sys.meta_path.insert(0, Finder())
+from shear_sim.cli import main; main()
+"""
+
+
+@pytest.mark.parametrize("command", ["sweep", "plan"])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 75), (signal.SIGUSR1, 75), (signal.SIGHUP, 75)],
+)
+def test_a_signal_while_libraries_load_has_its_exit_code(number, code, command, environment):
+    arguments = [sys.executable, "-c", SIGNALLED.format(number=int(number)), command, "x.yaml"]
+    ended = subprocess.run(arguments, env=environment, capture_output=True, text=True)
+    assert ended.returncode == code
+    assert ended.stderr == ""
+
+
+def test_nohup_is_obeyed(environment):
+    code = SIGNALLED.format(number=int(signal.SIGHUP))
+    code = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN){code}"
+    arguments = [sys.executable, "-c", code, "plan", "x.yaml"]
+    assert subprocess.run(arguments, env=environment, capture_output=True).returncode == 2
+
+
 def test_debug_shows_the_traceback(environment, tmp_path):
     code, output = run(environment, "--debug", "plan", tmp_path / "missing.yaml")
     assert code != 0

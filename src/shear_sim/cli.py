@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from shear_sim.results import Results
     from shear_sim.study import Study
 
-BAD_INPUT, STOPPED = 2, 75  # exit codes; the others are those of shear_sim.sweep
+BAD_INPUT, STOPPED, INTERRUPTED = 2, 75, 130  # exit codes
 
 app = typer.Typer(
     name="shear-sim",
@@ -88,8 +88,6 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
-    for number in (signal.SIGTERM, signal.SIGUSR1):  # before the supervisor takes them over
-        signal.signal(number, _stop)
     planned = _plan(study, results, shard, jobs, limit, retry_failed)
     typer.echo(planned)
     if not dry_run:
@@ -225,8 +223,8 @@ def _tell() -> None:
     typer.echo(COMPILING)
 
 
-def _stop(*_: object) -> NoReturn:
-    raise typer.Exit(STOPPED)
+def _stop(number: int, _frame: object) -> NoReturn:
+    sys.exit(INTERRUPTED if number == signal.SIGINT else STOPPED)
 
 
 def _plan(
@@ -285,11 +283,12 @@ def _plain_warning(message: Warning | str, *_: Any, **__: Any) -> str:
 
 def main() -> NoReturn:
     """Run the command line; no traceback reaches a user who has not asked for it."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # nohup: stay when the terminal closes
+            signal.signal(number, _stop)  # until the supervisor of a sweep takes them over
     warnings.formatwarning = _plain_warning
     try:
         app(prog_name="shear-sim")
-    except KeyboardInterrupt:
-        sys.exit(130)
     except Exception as error:
         if "--debug" in sys.argv:
             raise
@@ -300,11 +299,12 @@ def main() -> NoReturn:
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
     from shear_sim.document import StudyError
+    from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError
 
-    if isinstance(error, StudyError | ResultsError | TableError):
+    if isinstance(error, StudyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)

@@ -170,6 +170,17 @@ def test_a_repeat_that_differs_says_where(swept, tmp_path):
     assert "not the same bits" in output
 
 
+@pytest.mark.parametrize("command", ["run", "show"])
+def test_other_tables_are_no_results_of_jobs(command, swept):
+    folder, env, _ = swept
+    results = folder / "results/study"
+    run(env, "aggregate", results, "--no-figures")
+    for name in ("index.parquet", "plan.parquet", "tables/runs.parquet"):
+        code, output = run(env, command, results / name, "--results", folder)
+        assert code == 2
+        assert f"shear-sim: {results / name}: not a result file of a job" in output
+
+
 def test_run_records_a_failure(swept, tmp_path):
     folder, env, _ = swept
     failed = min(Results(folder / "results/study").failures())

@@ -188,15 +188,14 @@ def show(
 
     Example: shear-sim show 3f9c21
     """
-    from shear_sim.results import find_job, read_failure
+    from shear_sim.results import find_job, read_failure, read_job_summary
     from shear_sim.status import describe_job
-    from shear_sim.tables import read_summary
 
     path = find_job(job, results)
     if path.suffix == ".json":
         summary: dict[str, Any] = {"failure": asdict(read_failure(path))}
     else:
-        summary = read_summary(path)
+        summary = read_job_summary(path)
     typer.echo(_json(summary) if as_json else f"{path}\n{describe_job(summary)}")
 
 

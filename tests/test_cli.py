@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -65,6 +66,11 @@ def test_every_command_explains_itself_with_an_example():
         shown = runner.invoke(cli.app, [name, "--help"])
         assert shown.exit_code == 0
         assert f"shear-sim {name} " in shown.output
+
+
+def test_the_limit_says_what_exit_code_0_means_then():
+    shown = CliRunner().invoke(cli.app, ["sweep", "--help"]).output
+    assert "exit code 0 then does not mean that all jobs are done" in " ".join(shown.split())
 
 
 def test_version(environment):
@@ -179,6 +185,19 @@ def test_other_tables_are_no_results_of_jobs(command, swept):
         code, output = run(env, command, results / name, "--results", folder)
         assert code == 2
         assert f"shear-sim: {results / name}: not a result file of a job" in output
+
+
+def test_tables_that_cannot_be_written_are_shown_all_the_same(swept, tmp_path):
+    folder, env, _ = swept
+    results = tmp_path / "study"
+    shutil.copytree(folder / "results/study", results, ignore=shutil.ignore_patterns("tables"))
+    (results / "tables").write_text("in the way of the folder, for root too")
+    code, output = run(env, "aggregate", results)
+    assert code == 2
+    assert "PARTIAL STUDY: 3 of 6 runs" in output
+    *_, last = output.splitlines()
+    assert f"{results}: the tables and figures cannot be written" in last
+    assert "aggregate the copy" in last
 
 
 def test_run_records_a_failure(swept, tmp_path):

@@ -41,7 +41,8 @@ Jobs = Annotated[
 Shard = Annotated[
     str, typer.Option(metavar="i/n", help="Only every n-th job, from the i-th (i from 0).")
 ]
-Limit = Annotated[int | None, typer.Option(min=0, help="Run at most so many jobs.")]
+LIMIT = "Run at most so many jobs; exit code 0 then does not mean that all jobs are done."
+Limit = Annotated[int | None, typer.Option(min=0, help=LIMIT)]
 RetryFailed = Annotated[
     bool, typer.Option("--retry-failed", help="Also try again what failed by physics.")
 ]
@@ -211,7 +212,9 @@ def aggregate(
     from shear_sim import aggregate as aggregation
     from shear_sim.summary import print_summary
 
-    print_summary(aggregation.aggregate(results, figures=figures))
+    tables = aggregation.make_tables(results)
+    print_summary(tables)  # first: the results may be somebody else's, and read-only
+    aggregation.write(results, tables, figures=figures)
     written = ("tables", "figures") if figures else ("tables",)
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
 

@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -65,6 +66,11 @@ def test_every_command_explains_itself_with_an_example():
         shown = runner.invoke(cli.app, [name, "--help"])
         assert shown.exit_code == 0
         assert f"shear-sim {name} " in shown.output
+
+
+def test_the_limit_says_what_exit_code_0_means_then():
+    shown = CliRunner().invoke(cli.app, ["sweep", "--help"]).output
+    assert "exit code 0 then does not mean that all jobs are done" in " ".join(shown.split())
 
 
 def test_version(environment):
@@ -170,6 +176,30 @@ def test_a_repeat_that_differs_says_where(swept, tmp_path):
     assert "not the same bits" in output
 
 
+@pytest.mark.parametrize("command", ["run", "show"])
+def test_other_tables_are_no_results_of_jobs(command, swept):
+    folder, env, _ = swept
+    results = folder / "results/study"
+    run(env, "aggregate", results, "--no-figures")
+    for name in ("index.parquet", "plan.parquet", "tables/runs.parquet"):
+        code, output = run(env, command, results / name, "--results", folder)
+        assert code == 2
+        assert f"shear-sim: {results / name}: not a result file of a job" in output
+
+
+def test_tables_that_cannot_be_written_are_shown_all_the_same(swept, tmp_path):
+    folder, env, _ = swept
+    results = tmp_path / "study"
+    shutil.copytree(folder / "results/study", results, ignore=shutil.ignore_patterns("tables"))
+    (results / "tables").write_text("in the way of the folder, for root too")
+    code, output = run(env, "aggregate", results)
+    assert code == 2
+    assert "PARTIAL STUDY: 3 of 6 runs" in output
+    *_, last = output.splitlines()
+    assert f"{results}: the tables and figures cannot be written" in last
+    assert "aggregate the copy" in last
+
+
 def test_run_records_a_failure(swept, tmp_path):
     folder, env, _ = swept
     failed = min(Results(folder / "results/study").failures())
@@ -214,6 +244,48 @@ def test_bad_input_is_explained_with_exit_code_2(arguments, message, tmp_path, m
     assert message in shown
     assert "Traceback" not in shown
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.yaml", "study.yaml"]
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "abc", "2(x3)"])
+def test_a_number_of_cores_that_is_none_is_bad_input(value, environment, tmp_path):
+    environment = {**environment, "SLURM_CPUS_PER_TASK": value}
+    study = write_study(tmp_path)
+    code, output = run(environment, "plan", study)
+    assert code == 2
+    assert f"shear-sim: SLURM_CPUS_PER_TASK={value}: must be a whole number above 0" in output
+    assert run(environment, "plan", study, "--jobs", "2")[0] == 0
+
+
+SIGNALLED = """
+import os, sys
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "pydantic":
+            os.kill(os.getpid(), {number})
+
+sys.meta_path.insert(0, Finder())
+from shear_sim.cli import main; main()
+"""
+
+
+@pytest.mark.parametrize("command", ["sweep", "plan"])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 75), (signal.SIGUSR1, 75), (signal.SIGHUP, 75)],
+)
+def test_a_signal_while_libraries_load_has_its_exit_code(number, code, command, environment):
+    arguments = [sys.executable, "-c", SIGNALLED.format(number=int(number)), command, "x.yaml"]
+    ended = subprocess.run(arguments, env=environment, capture_output=True, text=True)
+    assert ended.returncode == code
+    assert ended.stderr == ""
+
+
+def test_nohup_is_obeyed(environment):
+    code = SIGNALLED.format(number=int(signal.SIGHUP))
+    code = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN){code}"
+    arguments = [sys.executable, "-c", code, "plan", "x.yaml"]
+    assert subprocess.run(arguments, env=environment, capture_output=True).returncode == 2
 
 
 def test_debug_shows_the_traceback(environment, tmp_path):

@@ -408,7 +408,7 @@ def test_all_problems_come_at_once_with_line_key_value_and_remedy():
         "1: packing.dics = 60: unknown key: did you mean discs?",
         "3: model.young_modulus = 8 kPa: must be a number (E [Pa]",
         "4: model.friction = on: must be a number",
-        "5: model.links.cuts = 2: must be a whole number",
+        "5: model.links.cuts = 2.0: must be a whole number",
         "5: model.links.cut = cels: must be one of cells, lines, bulk, none, file",
         "6: model.contact_law.begin = 0.9: begin 0.9 is above end 0.8",
         "7: friction = 1: unknown key: did you mean model.friction?",
@@ -422,6 +422,66 @@ def test_all_problems_come_at_once_with_line_key_value_and_remedy():
     assert "study.yaml:16: sweep[1].grid.cell.width = 500: must be a list of values" in design
     assert "study.yaml:17: replicates = 0: must be at least 1" in design
     assert "study.yaml:3: model.young_modulus" in design
+
+
+EVERYWHERE = """\
+record: {columns: [foo, bar]}
+shear: {kind: steady, relative_rate: 0, strain: -1}
+scenes: {a: 3, b: {model.contact_law: {kind: plateau}}}
+replicates: x
+sweep:
+  - scenes: [b, c]
+    grid: {model.friction: [0.1, -1, abc, null], model.contact_law.slope: [-2]}
+    zip: {cell.width: [1, 500], packing.discs: [x]}
+  - list: [3, {model.young_modulus: -1}]
+    set: {model.links.cuts: 1.5}
+  - sobol: {ranges: {model.friction: {from: 1, to: 0}}}
+    grid: {record.every: 2, integrator.steps_per_period: [0.5]}
+"""
+
+
+def test_no_fault_hides_another():
+    text = report(EVERYWHERE)
+    for line in (
+        "1: record.columns[0] = foo: foo is no stored column",
+        "1: record.columns[1] = bar: bar is no stored column",
+        "2: shear.relative_rate = 0: must not be 0",
+        "2: shear.strain = -1: must be greater than 0",
+        "3: scenes.a = 3: must be a section",
+        "4: replicates = x: must be a whole number",
+        "6: sweep[0].scenes[1] = c: is no scene",
+        "7: model.friction = -1: must be at least 0",
+        "7: model.friction = abc: must be a number",
+        "7: model.friction = null: must be a number",
+        "7: model.contact_law.slope = -2: must be",
+        "8: sweep[0].zip = {cell.width: [1, 500], packing.discs: [x]}: needs lists of one length",
+        "8: cell.width = 500: must be at most 100",
+        "8: packing.discs = x: must be a whole number",
+        "9: sweep[1].list[0] = 3: must be a section",
+        "9: model.young_modulus = -1: must be greater than 0",
+        "10: model.links.cuts = 1.5: must be a whole number",
+        "11: sweep[2].sobol.points: points is required",
+        "11: sweep[2].sobol.ranges.model.friction.to = 0: must be above from",
+        "12: sweep[2].grid.record.every = 2: must be a list of values",
+        "12: integrator.steps_per_period = 0.5: must be a whole number",
+    ):
+        assert f"  study.yaml:{line}" in text, line
+    assert len(text.splitlines()) == 22
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        # What is left out is not missed: the law, the scenes and the kinds are there, but wrong.
+        "scenes: [a]\nsweep: {scenes: [a]}",
+        "model: {contact_law: {slope: 0.2}}\nsweep: {grid: {model.contact_law.kind: plateau}}",
+        "scenes: {a: 3}\nsweep: {scenes: [a], grid: {model.contact_law.slope: [0.2]}}",
+        "seed: x\nmodel.contact_law: 3\nsweep: {grid: {model.contact_law: [{kind: plateau}]}}",
+    ],
+)
+def test_a_fault_makes_no_others(text):
+    number = 2 if "seed: x" in text else 1
+    assert len(report(text).splitlines()) == 1 + number
 
 
 def test_a_fault_of_many_points_is_reported_once():
@@ -463,6 +523,20 @@ def test_a_narrow_cell_is_refused_with_numbers_and_what_to_change():
         ),
         ("sweep: {grid: {model.friction: {linspace: [1, 2, 1]}}}", "at least 2"),
         ("sweep: {grid: {model.friction: {logspace: [-3, 0, 4]}}}", "not their exponents"),
+        (
+            "sweep: {grid: {model.friction: {linspace: [true, 2, 3]}}}",
+            "linspace takes [first, last, number]: two numbers",
+        ),
+        (
+            "sweep: {grid: {packing.discs: {linspace: [60, 101, 3]}}}",
+            "1 problem\n  study.yaml:1: packing.discs = 80.5: must be a whole number",
+        ),
+        ("sweep: hello", "sweep = hello: must be a section, `{grid: ...}`, or a list of sections"),
+        ("sweep:", "sweep = null: must be a section"),
+        ("replicates: 2.0", "replicates = 2.0: must be a whole number"),
+        ("model: {friction: '0.1'}", 'model.friction = "0.1": must be a number'),
+        ("model: {friction: 'null'}", 'model.friction = "null": must be a number'),
+        ("seed: ''", 'seed = "": must be a whole number'),
         ("sweep: {zip: {model.friction: [1, 2], cell.width: [1]}}", "needs lists of one length"),
         ("sweep: {sobol: {points: 4, ranges: {}}}", "sweep.sobol.ranges = {}"),
         (

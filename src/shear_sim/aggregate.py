@@ -18,7 +18,7 @@ import numpy as np
 
 from shear_sim import models
 from shear_sim.models.interface import Column
-from shear_sim.results import FORMAT, Results, read_job
+from shear_sim.results import FORMAT, Results, ResultsError, read_job
 from shear_sim.statistics import LEVEL, RESAMPLES, interval
 from shear_sim.tables import read_arrow, read_summary, write_arrow, write_whole
 
@@ -110,10 +110,59 @@ def aggregate(folder: Path | str, *, figures: bool = True) -> "dict[str, pd.Data
     Returns
     -------
     dict of DataFrame
+        See `make_tables`.
+
+    Raises
+    ------
+    ResultsError
+        If ``folder`` is not a results folder, or cannot be written.
+    TableError
+        If its plan is missing or damaged.
+    """
+    tables = make_tables(folder)
+    write(folder, tables, figures=figures)
+    return tables
+
+
+def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: bool) -> None:
+    """Write ``tables`` as Parquet and CSV into ``tables/`` (see `save`), and draw the figures.
+
+    Raises
+    ------
+    ResultsError
+        If the results folder cannot be written.
+    """
+    results = Results.existing(Path(folder))
+    try:
+        results.tables.mkdir(exist_ok=True)
+        for name, table in tables.items():
+            save(table, results.tables / name)
+        if figures:
+            from shear_sim.figures import draw
+
+            draw(tables, results.figures, _example(results, tables))
+    except OSError as error:
+        msg = (
+            f"{folder}: the tables and figures cannot be written ({error}): make the folder "
+            "writable, or copy it to a place of your own and aggregate the copy"
+        )
+        raise ResultsError(msg) from error
+
+
+def make_tables(folder: Path | str) -> "dict[str, pd.DataFrame]":
+    """Return the tables of a study from its results, complete or not; nothing is written.
+
+    Parameters
+    ----------
+    folder : Path or str
+        ``results/<study>``.
+
+    Returns
+    -------
+    dict of DataFrame
         ``runs``, one row per finished run; ``moduli`` (oscillatory shear) and ``steady``, one row
-        per point of the plan. Written as Parquet and CSV into ``tables/``; see `save`. The units
-        are in ``attrs["units"]``, the number of orphans (results of jobs outside the plan, not
-        counted) in ``attrs["orphans"]``.
+        per point of the plan. The units are in ``attrs["units"]``, the number of orphans (results
+        of jobs outside the plan, not counted) in ``attrs["orphans"]``.
 
     Raises
     ------
@@ -137,14 +186,8 @@ def aggregate(folder: Path | str, *, figures: bool = True) -> "dict[str, pd.Data
         of_kind = planned[shear == kind]
         if len(of_kind):
             tables[name] = points_table(of_kind, runs, parameters, quantities, failed=failed)
-    results.tables.mkdir(exist_ok=True)
-    for name, table in tables.items():
+    for table in tables.values():
         table.attrs |= {"study": study["study"], "orphans": orphans}
-        save(table, results.tables / name)
-    if figures:
-        from shear_sim.figures import draw
-
-        draw(tables, results.figures, _example(results, tables))
     return tables
 
 

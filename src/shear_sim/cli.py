@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from shear_sim.results import Results
     from shear_sim.study import Study
 
-BAD_INPUT, STOPPED = 2, 75  # exit codes; the others are those of shear_sim.sweep
+BAD_INPUT, STOPPED, INTERRUPTED = 2, 75, 130  # exit codes
 
 app = typer.Typer(
     name="shear-sim",
@@ -41,7 +41,8 @@ Jobs = Annotated[
 Shard = Annotated[
     str, typer.Option(metavar="i/n", help="Only every n-th job, from the i-th (i from 0).")
 ]
-Limit = Annotated[int | None, typer.Option(min=0, help="Run at most so many jobs.")]
+LIMIT = "Run at most so many jobs; exit code 0 then does not mean that all jobs are done."
+Limit = Annotated[int | None, typer.Option(min=0, help=LIMIT)]
 RetryFailed = Annotated[
     bool, typer.Option("--retry-failed", help="Also try again what failed by physics.")
 ]
@@ -88,8 +89,6 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
-    for number in (signal.SIGTERM, signal.SIGUSR1):  # before the supervisor takes them over
-        signal.signal(number, _stop)
     planned = _plan(study, results, shard, jobs, limit, retry_failed)
     typer.echo(planned)
     if not dry_run:
@@ -190,15 +189,14 @@ def show(
 
     Example: shear-sim show 3f9c21
     """
-    from shear_sim.results import find_job, read_failure
+    from shear_sim.results import find_job, read_failure, read_job_summary
     from shear_sim.status import describe_job
-    from shear_sim.tables import read_summary
 
     path = find_job(job, results)
     if path.suffix == ".json":
         summary: dict[str, Any] = {"failure": asdict(read_failure(path))}
     else:
-        summary = read_summary(path)
+        summary = read_job_summary(path)
     typer.echo(_json(summary) if as_json else f"{path}\n{describe_job(summary)}")
 
 
@@ -214,7 +212,9 @@ def aggregate(
     from shear_sim import aggregate as aggregation
     from shear_sim.summary import print_summary
 
-    print_summary(aggregation.aggregate(results, figures=figures))
+    tables = aggregation.make_tables(results)
+    print_summary(tables)  # first: the results may be somebody else's, and read-only
+    aggregation.write(results, tables, figures=figures)
     written = ("tables", "figures") if figures else ("tables",)
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
 
@@ -225,8 +225,8 @@ def _tell() -> None:
     typer.echo(COMPILING)
 
 
-def _stop(*_: object) -> NoReturn:
-    raise typer.Exit(STOPPED)
+def _stop(number: int, _frame: object) -> NoReturn:
+    sys.exit(INTERRUPTED if number == signal.SIGINT else STOPPED)
 
 
 def _plan(
@@ -285,11 +285,12 @@ def _plain_warning(message: Warning | str, *_: Any, **__: Any) -> str:
 
 def main() -> NoReturn:
     """Run the command line; no traceback reaches a user who has not asked for it."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # nohup: stay when the terminal closes
+            signal.signal(number, _stop)  # until the supervisor of a sweep takes them over
     warnings.formatwarning = _plain_warning
     try:
         app(prog_name="shear-sim")
-    except KeyboardInterrupt:
-        sys.exit(130)
     except Exception as error:
         if "--debug" in sys.argv:
             raise
@@ -300,11 +301,12 @@ def main() -> NoReturn:
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
     from shear_sim.document import StudyError
+    from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError
 
-    if isinstance(error, StudyError | ResultsError | TableError):
+    if isinstance(error, StudyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)

@@ -1,8 +1,9 @@
 """Validation errors in the words of the study file: key path, value, and what would be right."""
 
 import difflib
+import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, get_args, get_origin
@@ -20,6 +21,7 @@ class Complaint:
 
     keys: tuple[Key, ...]  # the message stands alone: any of them may be shown
     message: str
+    about: Literal["value", "key", "whole"] = "value"  # whole: what is lacking, or does not fit
 
 
 def complaints(
@@ -43,17 +45,19 @@ def complaints(
         if isinstance(cause, Impossible):
             for keys, message in cause.problems:
                 paths = tuple((*place.key, *key.split(".")) for key in keys)
-                yield Complaint(paths, message)
+                yield Complaint(paths, message, "whole" if len(paths) > 1 else "value")
         elif entry["type"] == "extra_forbidden":
             known = tuple(_fields(place.parent)) if place.parent else ()
             if place.parent is model:
                 known += top_level
-            yield Complaint((place.key,), _unknown(place.key, known, model, top_level))
+            message = _unknown(place.key, known, model, top_level)
+            of_another_kind = dotted(place.key) in _dotted_keys(model)
+            yield Complaint((place.key,), message, "whole" if of_another_kind else "key")
         elif entry["type"] == "missing":
             # The section may stand nowhere in the file but through its kind.
             kind = (*place.key[:-1], "kind")
             message = f"{place.key[-1]} is required{_meaning(place.info)}"
-            yield Complaint((place.key, kind), message)
+            yield Complaint((place.key, kind), message, "whole")
         elif entry["type"] == "union_tag_invalid":
             known = tuple(re.findall(r"'([^']*)'", context["expected_tags"]))
             message = one_of(entry["input"]["kind"], known)
@@ -77,20 +81,17 @@ def all_complaints(
     found: list[Complaint] = []
     removed: set[Key] = set()
     while True:
-        new = [
-            complaint
-            for complaint in complaints(error, model, top_level)
-            if not any(key[:n] in removed for key in complaint.keys for n in range(len(key) + 1))
-        ]
+        new = [c for c in complaints(error, model, top_level) if not touches(c, removed)]
         if not new:
             return found
         found += new
         for complaint in new:
             for key in complaint.keys:
-                # Without its kind, a section's other keys mean nothing.
-                removed.add(key[:-1] if key[1:] and key[-1] == "kind" else key)
+                # Without its kind, a section's other keys mean nothing; nor does half a list.
+                section = key[:-1] if key[1:] and key[-1] == "kind" else key
+                removed.add(tuple(itertools.takewhile(lambda k: isinstance(k, str), section)))
         for key in removed:
-            data = _without(data, key)
+            data = without(data, key)
         try:
             model.model_validate(data)
         except ValidationError as next_error:
@@ -99,15 +100,23 @@ def all_complaints(
             return found
 
 
-def _without(data: dict[str, Any], key: Key) -> dict[str, Any]:
+def touches(complaint: Complaint, keys: Collection[Key]) -> bool:
+    """Whether ``complaint`` is about any of ``keys`` or about something inside them."""
+    return any(key[:n] in keys for key in complaint.keys for n in range(len(key) + 1))
+
+
+def without(data: Any, key: Key) -> Any:
+    """Return ``data`` without what stands at ``key``; ``{}`` takes the place of a list's item."""
     if not key:
         return {}
-    first, *rest = key
+    first, rest = key[0], key[1:]
+    if isinstance(data, list) and isinstance(first, int) and first < len(data):
+        return [*data[:first], without(data[first], rest), *data[first + 1 :]]
     if not isinstance(data, dict) or first not in data:
         return data
     if not rest:
         return {name: value for name, value in data.items() if name != first}
-    return {**data, first: _without(data[first], tuple(rest))}
+    return {**data, first: without(data[first], rest)}
 
 
 @dataclass(frozen=True)

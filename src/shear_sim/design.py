@@ -13,9 +13,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from shear_sim.config import Complaint, one_of
+from shear_sim.config import Complaint, complaints, one_of, touches, without
 from shear_sim.document import Key, round12
 from shear_sim.schema import Impossible, Section
 from shear_sim.streams import Streams
@@ -53,7 +53,9 @@ def _axis(value: object) -> object:
 def _spaced(how: str, ends: object) -> tuple[float, ...]:
     match ends:
         case [int() | float() as first, int() | float() as last, int(number)] if (
-            2 <= number <= MAX_POINTS and max(abs(first), abs(last)) < 1e300
+            not any(isinstance(end, bool) for end in ends)
+            and 2 <= number <= MAX_POINTS
+            and max(abs(first), abs(last)) < 1e300
         ):
             pass
         case _:
@@ -69,12 +71,15 @@ def _spaced(how: str, ends: object) -> tuple[float, ...]:
         raise ValueError(msg)
     values = [round12(value) for value in (first, *inner, last)]
     # A whole number of discs or of steps is not written 10.0.
-    if isinstance(first, int) and isinstance(last, int) and all(v.is_integer() for v in values):
-        return tuple(int(value) for value in values)
+    if isinstance(first, int) and isinstance(last, int):
+        return tuple(int(value) if value.is_integer() else value for value in values)
     return tuple(values)
 
 
 def _one_or_more(value: object) -> object:
+    if not isinstance(value, dict | list | tuple):
+        msg = "must be a section, `{grid: ...}`, or a list of sections"
+        raise ValueError(msg)
     return [value] if isinstance(value, dict) else value
 
 
@@ -159,10 +164,62 @@ KEYS = tuple(Design.model_fields)
 
 
 class Variant(NamedTuple):
-    """A point before validation: what changes, and the block and scene that want it."""
+    """A point before validation: what changes, and the block and scene that want it.
+
+    It is not ``complete`` if something of its block or scene is wrong and was left out.
+    """
 
     label: tuple[str, str]
     changes: Changes
+    complete: bool = True
+
+
+class Draft(NamedTuple):
+    """A design as far as it is right: what is wrong with the rest, and the blocks that lack it."""
+
+    design: Design
+    complaints: list[Complaint]
+    torn: frozenset[int]
+
+
+def read_design(data: dict[str, Any]) -> Draft:
+    """Validate the keys of a study file; leave out what is wrong and go on with the rest.
+
+    In the complaints ``sweep`` is a list, also where the file holds a single block.
+    """
+    sweep = data.get("sweep")
+    if isinstance(sweep, dict) and sweep:
+        data = {**data, "sweep": [sweep]}
+    found: list[Complaint] = []
+    removed: set[Key] = set()
+    while True:
+        try:
+            design = Design.model_validate(data)
+        except ValidationError as error:
+            before = frozenset(removed)
+            for complaint in complaints(error, Design):
+                if not touches(complaint, before):
+                    found.append(complaint)
+                key = complaint.keys[0]
+                while key in before:  # leaving it out was not enough: a key that must be there
+                    key = key[:-1]
+                removed.add(key)
+                if len(key) == 2 and key[0] == "scenes":  # blocks may name it
+                    data = {**data, "scenes": {**data["scenes"], key[1]: {}}}
+                else:
+                    data = without(data, key)
+        else:
+            break
+    if ("scenes",) in removed:  # then no scene is known, and none can be called unknown
+        blocks = tuple(block.model_copy(update={"scenes": None}) for block in design.sweep)
+        design = design.model_copy(update={"sweep": blocks})
+    every = any(key in {(), ("sweep",)} or key[0] == "scenes" for key in removed)
+    torn = (
+        number
+        for number in range(len(design.sweep))
+        if every or any(key[:2] == ("sweep", number) for key in removed)
+    )
+    return Draft(design, found, frozenset(torn))
 
 
 def changes_of(mapping: Mapping[str, Any], origin: Key, key: tuple[str, ...] = ()) -> Changes:
@@ -212,16 +269,17 @@ class _Axis(NamedTuple):
         return next(str(part) for part in self.origin[1:] if isinstance(part, str))
 
 
-def expand(design: Design, raw_sweep: object) -> Iterator[Variant | Complaint]:
-    """Yield the points of all blocks, and what is wrong with the design.
+def expand(draft: Draft, raw_sweep: object) -> Iterator[Variant | Complaint]:
+    """Yield the points of all blocks, and what does not fit together in the design.
 
     Parameters
     ----------
-    design : Design
+    draft : Draft
         The validated keys.
     raw_sweep : object
         ``sweep`` as the file holds it: one block is not a list there.
     """
+    design = draft.design
     scenes = {
         name: changes_of(changes, ("scenes", name)) for name, changes in design.scenes.items()
     } or {"base": ()}
@@ -236,7 +294,11 @@ def expand(design: Design, raw_sweep: object) -> Iterator[Variant | Complaint]:
         if name in names:
             yield Complaint(((*origin, "name"),), "names two blocks: choose another")
         names[name] = origin
-        yield from _expand_block(block, name, origin, scenes, design.seed)
+        for found in _expand_block(block, name, origin, scenes, design.seed):
+            if number in draft.torn and isinstance(found, Variant):
+                yield found._replace(complete=False)
+            else:
+                yield found
 
 
 def _bad_name(name: str, key: Key) -> Iterator[Complaint]:
@@ -259,16 +321,15 @@ def _expand_block(
     points = math.prod(len(axis.alternatives) for axis in axes) * len(wanted)
     if points > MAX_POINTS:
         message = f"makes {points:,} points, more than {MAX_POINTS:,}: split the study"
-        wrong.append(Complaint((origin,), message))
+        yield from (*wrong, Complaint((origin,), message))
+        return
     if not wrong:
         for scene in wanted:
             wrong.extend(_changed_twice(scene, scenes[scene], axes))
-    if wrong:
-        yield from wrong
-        return
-    for scene in wanted:
+    yield from wrong
+    for scene in dict.fromkeys(wanted):
         for choice in itertools.product(*(axis.alternatives for axis in axes)):
-            yield Variant((name, scene), sum(choice, scenes[scene]))
+            yield Variant((name, scene), sum(choice, scenes.get(scene, ())), not wrong)
 
 
 def _bad_scenes(wanted: Sequence[str], known: Sequence[str], key: Key) -> Iterator[Complaint]:
@@ -293,20 +354,20 @@ def _axes(block: Block, origin: Key, seed: int) -> Iterator[_Axis | Complaint]:
                 f"{name} has {length}" for name, length in lengths.items()
             )
             yield Complaint(((*origin, "zip"),), message)
-        else:
-            yield _Axis(
-                (*origin, "zip"),
-                [
-                    sum(
-                        (
-                            _chosen(name, values[i], (*origin, "zip", name, i))
-                            for name, values in block.paired.items()
-                        ),
-                        (),
-                    )
-                    for i in range(max(lengths.values()))
-                ],
-            )
+        yield _Axis(
+            (*origin, "zip"),
+            [
+                sum(
+                    (
+                        _chosen(name, values[i], (*origin, "zip", name, i))
+                        for name, values in block.paired.items()
+                        if i < len(values)
+                    ),
+                    (),
+                )
+                for i in range(max(lengths.values()))
+            ],
+        )
     if block.listed:
         key = (*origin, "list")
         yield _Axis(key, [changes_of(entry, (*key, i)) for i, entry in enumerate(block.listed)])

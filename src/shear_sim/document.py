@@ -262,9 +262,12 @@ def shown(value: object) -> str:
         text = {True: "true", False: "false", None: "null"}[value]
     elif isinstance(value, float):
         text = f"{value:.12g}"
+        text += ".0" if _INT.fullmatch(text) else ""  # 2.0 is not 2 where a whole number must be
     else:
         try:
             text = " ".join(str(value).split())
+            if isinstance(value, str) and not isinstance(_scalar(text), str):
+                text = f'"{text}"'  # "0.1" is not 0.1
         except ValueError:  # an integer of more than 4300 digits
             text = "a huge number"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 SHOWN_FAILURES = 10
 
 
+class PlanError(Exception):
+    """The environment asks for what no plan can do; says what and what to do."""
+
+
 class Costs:
     """Mean measured cost of a job: at its own point where known, else over all jobs."""
 
@@ -130,8 +134,20 @@ class Plan:
 
 
 def default_workers() -> int:
-    """Return how many jobs run at once: what Slurm gave, else the cores this process may use."""
+    """Return how many jobs run at once: what Slurm gave, else the cores this process may use.
+
+    Raises
+    ------
+    PlanError
+        If Slurm's variable holds no number above 0.
+    """
     if given := os.environ.get("SLURM_CPUS_PER_TASK"):
+        if not given.isdecimal() or int(given) == 0:
+            msg = (
+                f"SLURM_CPUS_PER_TASK={given}: must be a whole number above 0; "
+                "correct or unset it, or give --jobs"
+            )
+            raise PlanError(msg)
         return int(given)
     if "SLURM_JOB_ID" in os.environ:
         return 1  # Slurm's own default; the other cores of the node are somebody else's

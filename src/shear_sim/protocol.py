@@ -4,11 +4,11 @@ A protocol is a rest, a shear and a rest, counted in periods T = τ / relative_f
 Time starts at 0 with the first rest.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 
-from shear_sim.schema import PERCENT, Impossible, NonNegative, Positive, Section, default_kind
+from shear_sim.schema import PERCENT, NonNegative, Positive, Section, default_kind
 
 
 class OscillatoryShear(Section):
@@ -24,23 +24,26 @@ class OscillatoryShear(Section):
     post_periods: Annotated[NonNegative, Field(description="rest after, in periods T")] = 1
 
 
+def _not_zero(rate: float) -> float:
+    if rate == 0:
+        msg = "must not be 0: the strain is never reached"
+        raise ValueError(msg)
+    return rate
+
+
 class SteadyShear(Section):
     """Steady shear at a constant rate, started and stopped at once, between two rests."""
 
     kind: Literal["steady"]
-    relative_rate: Annotated[float, Field(description="strain rate × τ [-], either sign")]
+    relative_rate: Annotated[
+        float, AfterValidator(_not_zero), Field(description="strain rate × τ [-], either sign")
+    ]
     strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")]
     relative_frequency: Annotated[
         float, Field(gt=0, description="sets the unit of time T = τ / relative_frequency")
     ] = 0.025
     pre_periods: Annotated[NonNegative, Field(description="rest before, in T")] = 2
     post_periods: Annotated[NonNegative, Field(description="rest after, in T")] = 1
-
-    @model_validator(mode="after")
-    def _move(self) -> Self:
-        if self.relative_rate == 0:
-            raise Impossible([(("relative_rate",), "must not be 0: the strain is never reached")])
-        return self
 
     @property
     def periods(self) -> float:

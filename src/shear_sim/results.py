@@ -255,9 +255,24 @@ def read_failure(path: Path) -> Failure:
         return Failure(path.stem, "error", f"{path} cannot be read ({error})")
 
 
+def read_job_summary(path: Path) -> dict[str, Any]:
+    """Read the summary of a result file.
+
+    Raises
+    ------
+    TableError
+        If the file is damaged, or another table of shear-sim: an index, say.
+    """
+    summary = read_summary(path)
+    if not isinstance(summary.get("job"), dict):
+        msg = f"{path}: not a result file of a job: those lie in results/<study>/jobs/"
+        raise TableError(msg)
+    return summary
+
+
 def _index_row(path: Path) -> dict[str, Any]:
     """Return the row of one result file."""
-    summary = read_summary(path)
+    summary = read_job_summary(path)
     if summary.get("format") != FORMAT:
         msg = (
             f"{path}: results of format {summary.get('format')}, this program reads {FORMAT}: "
@@ -298,7 +313,7 @@ def read_job(path: Path) -> Table:
     TableError
         If the file is damaged or is not a result of shear-sim.
     """
-    table = read_table(path)
+    table = Table(read_table(path).columns, read_job_summary(path))
     model = models.model(table.summary["job"]["model"])
     return Table({**table.columns, **model.derive(table.columns)}, table.summary)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from shear_sim.results import Failure, Results, ResultsError, flatten
+from shear_sim.results import Failure, Results, ResultsError, flatten, read_job_summary
 from shear_sim.runner import run_job
 from shear_sim.study import Job
 from shear_sim.tables import Table, read_table
@@ -77,8 +77,8 @@ def repeat(path: Path, root: Path, tell: Callable[[], None]) -> tuple[Path, list
     ResultsError
         If this version of the program would compute something else.
     """
+    summary = read_job_summary(path)
     before = read_table(path)
-    summary = before.summary
     try:
         job = Job.from_json(
             {

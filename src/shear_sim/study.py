@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,17 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from shear_sim import models
-from shear_sim.config import Complaint, all_complaints, complaints, one_of, sections_of
-from shear_sim.design import KEYS, Change, Changes, Design, apply, changes_of, expand
+from shear_sim.config import Complaint, all_complaints, one_of, sections_of
+from shear_sim.design import (
+    KEYS,
+    Change,
+    Changes,
+    Draft,
+    apply,
+    changes_of,
+    expand,
+    read_design,
+)
 from shear_sim.document import (
     NOTHING,
     Document,
@@ -222,8 +231,8 @@ def read_study(content: bytes, path: Path) -> Study:
     """Return the study that ``content`` describes, as if it stood in the file ``path``."""
     document = read_yaml(content, path)
     reader = _Reader(document)
-    design = reader.design()
-    points = reader.points(design)
+    draft = reader.draft()
+    design, points = draft.design, reader.points(draft)
     if reader.problems:
         raise StudyError(path, list(reader.problems.values()))
     return Study(
@@ -326,15 +335,12 @@ class _Reader:
         )
         self._base = {name: v for name, v in document.data.items() if name not in KEYS}
 
-    def design(self) -> Design:
-        """Return the keys that are not sections of the model; the defaults if they are wrong."""
-        data = {name: v for name, v in self.document.data.items() if name in KEYS}
-        try:
-            return Design.model_validate(data)
-        except ValidationError as error:
-            for complaint in complaints(error, Design):
-                self._report(self._in_file(complaint), self.document.data)
-            return Design.model_validate({})
+    def draft(self) -> Draft:
+        """Return the keys that are not sections of the model, as far as they are right."""
+        draft = read_design({k: v for k, v in self.document.data.items() if k in KEYS})
+        for complaint in draft.complaints:
+            self._report(self._in_file(complaint), self.document.data)
+        return draft
 
     def _in_file(self, complaint: Complaint) -> Complaint:
         """Return ``complaint`` with the keys of the file: a single block is not a list there."""
@@ -344,18 +350,18 @@ class _Reader:
             (key[0], *key[2:]) if key[0] == "sweep" and len(key) > 1 else key
             for key in complaint.keys
         )
-        return Complaint(keys, complaint.message)
+        return replace(complaint, keys=keys)
 
-    def points(self, design: Design) -> list[StudyPoint]:
+    def points(self, draft: Draft) -> list[StudyPoint]:
         """Return the distinct points of all blocks."""
         found: dict[str, StudyPoint] = {}
-        unused = dict(design.scenes)
-        for variant in expand(design, self.document.data.get("sweep")):
+        unused = dict(draft.design.scenes)
+        for variant in expand(draft, self.document.data.get("sweep")):
             if isinstance(variant, Complaint):
                 self._report(variant, self.document.data)
                 continue
             unused.pop(variant.label[1], None)
-            point = self._point(variant.changes)
+            point = self._point(variant.changes, complete=variant.complete)
             if point is None:
                 continue
             values = parameters(point)
@@ -387,15 +393,17 @@ class _Reader:
             self._report(complaint, data, changes)
             return None
         model = models.model(kind).POINT
+        wrong_columns = list(_wrong_columns(data, kind))
+        for complaint in wrong_columns:
+            self._report(complaint, data, changes)
         try:
             point = model.model_validate(data)
-            _check_columns(point)
             if self._names_files and (files := tuple(self._read_files(point))):
                 point = model.model_validate(apply(data, files))
                 point.check_files()
         except ValidationError as error:
             for complaint in all_complaints(error, model, data, KEYS):
-                if complete or len(complaint.keys) == 1:
+                if complete or complaint.about != "whole":
                     self._report(complaint, data, changes)
         except Impossible as error:
             for keys, message in error.problems:
@@ -404,7 +412,7 @@ class _Reader:
         except _Fault as fault:
             self._report(fault.complaint, data, changes)
         else:
-            return point.resolved()
+            return None if wrong_columns else point.resolved()
         return None
 
     def _read_files(self, point: Point) -> Iterator[Change]:
@@ -457,8 +465,16 @@ class _Reader:
                 value = NOTHING
                 break
         problem = Problem(self.document.path, line, dotted(key), value, complaint.message)
-        same = (line, problem.key, re.sub(r"[\d.e+-]+", "#", complaint.message))
+        # Of several wrong values each is told, of one wrong key or one misfit only the first.
+        place = self._written(origin) if complaint.about == "value" else line
+        same = (place, problem.key, re.sub(r"[\d.e+-]+", "#", complaint.message))
         self.problems.setdefault(same, problem)
+
+    def _written(self, key: Key) -> Key:
+        """Return ``key``, or of a value that the file does not hold the key that makes it."""
+        while key and key not in self.document.lines:
+            key = key[:-1]
+        return key
 
 
 class _Fault(Exception):  # noqa: N818 - never leaves this module
@@ -466,18 +482,22 @@ class _Fault(Exception):  # noqa: N818 - never leaves this module
         self.complaint = complaint
 
 
-def _check_columns(point: Point) -> None:
-    """Refuse columns that the model does not store, or that are named twice."""
-    columns: Sequence[str] = getattr(getattr(point, "record", None), "columns", None) or ()
-    known = [column.name for column in models.model(point.kind).COLUMNS]
+def _wrong_columns(data: Mapping[str, Any], kind: str) -> Iterator[Complaint]:
+    """Yield the columns that the model does not store, or that are named twice."""
+    record = data.get("record")
+    given = record.get("columns") if isinstance(record, dict) else None
+    columns = given if isinstance(given, list) else []
+    known = [column.name for column in models.model(kind).COLUMNS]
     for i, name in enumerate(columns):
+        if not isinstance(name, str):
+            continue  # its section says so
         if name not in known:
             message = f"{name} is no stored column: {one_of(name, known)}"
         elif name in columns[:i]:
             message = f"{name} is named twice"
         else:
             continue
-        raise _Fault(Complaint((("record", "columns", i), ("record", "columns")), message))
+        yield Complaint((("record", "columns", i),), message)
 
 
 def _origin(key: Key, changes: Changes) -> Key | None:

@@ -1,7 +1,8 @@
 """Speed against error: what a job's steps cost and what error they leave.
 
-Every run of a job starts from the same prepared packing. The reference has `REFERENCE` times the
-job's steps per period, and its substeps are as much finer. Errors shrink with the step only where
+Every run of a job starts from the same prepared packing. A run with n times the job's steps per
+period also cuts them into substeps by limits n times finer; the reference is `REFERENCE` times
+finer in both. Errors shrink with the step only where
 neighbouring trajectories stay together. A job is
 
 ``convergent``  if the error of the stress falls when every step is halved, and twins that start a
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from shear_sim.study import Job, Study
 
-LADDER = tuple(Fraction(2) ** n for n in range(-2, 4))  # steps, relative to the job's own
+LADDER = tuple(Fraction(2) ** n for n in range(-1, 4))  # steps, relative to the job's own
 REFERENCE = 32  # times the job's own steps
 PAIRED = 4  # times the job's own steps: the finer member of each pair of packings
 TWIN = 1e-10  # initial distance of the first twins [mean radii]
@@ -45,7 +46,7 @@ TWINS_PART = 10.0  # final / initial distance of twins; found: below 2 or above 
 FALLING = 0.6  # error of the halved step / error; 0.5 is first order, 0.25 second
 ROUND_OFF = 1e-7  # relative stress errors below this need not fall
 EARLY = 0.05  # of a period: when the error of the step is read that the second twins start with
-TIMED = 0.1  # CPU seconds; shorter runs are repeated, and the fastest counts
+TIMED, REPEATS = 0.2, 5  # CPU seconds up to which runs are repeated; the fastest counts
 RECORDS = 20  # per period, at least: moduli are fitted with nine harmonics
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +60,7 @@ _IDENTITY = (
 _RUN = (
     Column("scheme", "", "integrator"),
     Column("steps_per_period", "-", "whole steps per period T"),
-    Column("factor", "-", "steps per period / those of the job"),
+    Column("factor", "-", "steps per period / those of the job; the limits of substeps go with it"),
     Column("own", "", "the job's own integrator and steps"),
     Column("substeps_per_step", "-", "mean number of pieces that a whole step is cut into"),
     Column("cpu_per_step", "µs", "CPU time of a substep, records included"),
@@ -154,7 +155,7 @@ def choose(study: "Study", points: int, replicates: int) -> "list[Job]":
     for column, key in enumerate(keys):
         of_key = [value.get(key) for value in values]
         numeric[column] = all(isinstance(value, int | float) for value in of_key)
-        ranks = sorted(set(of_key), key=None if numeric[column] else str)  # type: ignore[arg-type]
+        ranks: list[Any] = sorted(set(of_key), key=float if numeric[column] else str)
         spread = max(1, len(ranks) - 1) if numeric[column] else 1
         places[:, column] = [ranks.index(value) / spread for value in of_key]
     weights = np.array([1.0 if key in {"scene", AMPLITUDE, FRICTION} else 0.25 for key in keys])
@@ -187,8 +188,8 @@ def _parameters(job: "Job") -> dict[str, Any]:
     return flatten(job.parameters)
 
 
-def describe_job(job: "Job", varied: Sequence[str]) -> str:
-    """Return one line on what a job is."""
+def describe_point(job: "Job", varied: Sequence[str]) -> str:
+    """Return the scene of a job and its parameters that vary in the study."""
     parameters = _parameters(job)
     facts = [scene_of(job)] if scene_of(job) else []
     facts += [
@@ -198,7 +199,7 @@ def describe_job(job: "Job", varied: Sequence[str]) -> str:
         for key in varied
         if parameters.get(key) is not None
     ]
-    return f"job {job.id} ({', '.join([*facts, f'replicate {job.replicate}'])})"
+    return ", ".join(facts) or "the one point of the study"
 
 
 def prepare(job: "Job") -> Prepared:
@@ -250,7 +251,7 @@ def measure(
     try:
         prepared = prepare(job)
         fine = Reference(job, prepared, reference)
-        verdict = _judge(job, prepared, fine)
+        verdict = _judge(prepared, fine)
     except SimulationError as error:
         return Measured(job, failure=str(error))
     own = fine.own_steps
@@ -260,7 +261,7 @@ def measure(
         for factor in ladder
         if prepared.allows(factor) and (factor >= 1 or own * factor >= RECORDS)
     ]
-    runs = [_rung(job, prepared, fine, *rung, energy=energy) for rung in rungs]
+    runs = [_rung(prepared, fine, *rung, energy=energy) for rung in rungs]
     return Measured(job, runs, verdict)
 
 
@@ -271,9 +272,11 @@ class Reference:
         self.job, self.prepared = job, prepared
         own = prepared.start()
         self.rows = own.rows
-        simulation = prepared.start(factor=Fraction(factor), fineness=factor)
-        simulation.advance(_early(own))
-        own.advance(_early(own))
+        simulation = prepared.start(factor=Fraction(factor))
+        own.advance(1)
+        early = _early(own)
+        own.advance(early - 1)
+        simulation.advance(early)
         self.step_error = prepared.distance(own, simulation)
         simulation.advance(simulation.rows)
         self.own = finish(own)
@@ -326,14 +329,14 @@ def _early(simulation: Simulation) -> int:
     """Return how many records there are up to `EARLY` in the shear."""
     protocol = simulation.summary()["protocol"]
     share = (protocol["shear_start"] + EARLY * protocol["period"]) / protocol["end"]
-    return 1 + max(1, round(share * (simulation.rows - 1)))
+    return 1 + max(1, int(share * (simulation.rows - 1)))
 
 
-def _judge(job: "Job", prepared: Prepared, fine: Reference) -> Verdict:
-    """Tell whether a job converges: does its error fall with the step, do twins stay together?"""
+def _judge(prepared: Prepared, fine: Reference) -> Verdict:
+    """Tell whether a job converges with the step, from a halved step and two twins."""
     own = fine.own
     error = fine.stress_error(own)
-    halved = fine.stress_error(finish(prepared.start(factor=Fraction(2), fineness=2)))
+    halved = fine.stress_error(finish(prepared.start(factor=Fraction(2))))
     apart = []
     for size in (TWIN, max(fine.step_error, TWIN)):
         twin = finish(prepared.start(displacement=size))
@@ -349,7 +352,6 @@ def _judge(job: "Job", prepared: Prepared, fine: Reference) -> Verdict:
 
 
 def _rung(
-    job: "Job",
     prepared: Prepared,
     fine: Reference,
     scheme: str,
@@ -386,9 +388,9 @@ def _rung(
 
 
 def _timed(start: Callable[[], Simulation]) -> tuple[Simulation, float]:
-    """Return a finished run and the CPU seconds of the fastest of up to three."""
+    """Return a finished run and the CPU seconds of the fastest of up to `REPEATS`."""
     times: list[float] = []
-    while sum(times) < TIMED and len(times) < 3:
+    while sum(times) < TIMED and len(times) < REPEATS:
         simulation = start()
         began = process_time()
         simulation.advance(simulation.rows)
@@ -421,7 +423,7 @@ def compare_packings(job: "Job", packings: int, factor: int = PAIRED) -> dict[st
         try:
             prepared = prepare(of_packing)
             own, fine = (
-                response(of_packing, finish(prepared.start(factor=Fraction(n), fineness=n)))[0]
+                response(of_packing, finish(prepared.start(factor=Fraction(n))))[0]
                 for n in (1, factor)
             )
         except SimulationError:
@@ -449,9 +451,7 @@ def compare_packings(job: "Job", packings: int, factor: int = PAIRED) -> dict[st
 
 def runs_table(measured: Sequence[Measured], varied: Sequence[str]) -> "pd.DataFrame":
     """Return one row per run of the ladders, with what each column is in ``attrs``."""
-    rows = [
-        _identity(one.job, varied) | run | _facts(one) for one in measured for run in one.runs
-    ]
+    rows = [_identity(one.job, varied) | run | _facts(one) for one in measured for run in one.runs]
     return _frame(rows, [*_IDENTITY, *_described(measured, varied), *_RUN, *_VERDICT])
 
 

@@ -255,7 +255,7 @@ class _Look:
             bar = figure.colorbar(self.bar, ax=axes, label=_label(points, str(self.key)))
             low, high = self.bar.get_clim()
             if low > 0 and high / low >= _WIDE:
-                _log_ticks(bar.ax.yaxis, low, high)
+                log_ticks(bar.ax.yaxis, low, high)
         handles = [
             Line2D([], [], color=colour, marker=marker, label=_value(value))
             for (value, colour), marker in zip(self.colours.items(), self.markers(), strict=False)
@@ -396,7 +396,7 @@ def _scale_x(axis: "Axes", values: "pd.Series[Any]") -> dict[Any, int] | None:
             axis.xaxis.set_major_formatter(FixedFormatter([_value(v) for v in few]))
             axis.xaxis.set_minor_formatter(NullFormatter())
         else:
-            _log_ticks(axis.xaxis, float(values.min()), float(values.max()))
+            log_ticks(axis.xaxis, float(values.min()), float(values.max()))
     elif wide and (values >= 0).all():
         axis.set_xscale("symlog", linthresh=float(positive.min()))
     return None
@@ -418,11 +418,11 @@ def _scale_y(axis: "Axes", shown: "pd.DataFrame", quantity: str) -> float | None
     foot, top = min(foot, least) / 1.3, max(top, most) * 1.3
     axis.set_yscale("log")
     axis.set_ylim(foot, top)
-    _log_ticks(axis.yaxis, foot, top)
+    log_ticks(axis.yaxis, foot, top)
     return foot
 
 
-def _log_ticks(axis: "Axis", low: float, high: float) -> None:
+def log_ticks(axis: "Axis", low: float, high: float) -> None:
     """Label each decade; over less than two decades 1, 2 and 5 of each, as plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

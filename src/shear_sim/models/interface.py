@@ -66,7 +66,6 @@ class Prepared(Protocol):
         scheme: str | None = None,
         *,
         factor: Fraction = Fraction(1),
-        fineness: int = 1,
         displacement: float = 0.0,
         energy: bool = False,
     ) -> Simulation:
@@ -77,10 +76,9 @@ class Prepared(Protocol):
         scheme : str, optional
             Integrator; default: the point's own.
         factor : Fraction
-            Steps per period, relative to the point's own. Records stay at the same times; where
-            there are fewer steps than records, every step is recorded.
-        fineness : int
-            Divides the longest step that the model itself allows (where it halves steps).
+            Steps per period, relative to the point's own; where the model shortens steps by itself,
+            its limits are divided by it too. Records stay at the same times; where there are fewer
+            steps than records, every step is recorded.
         displacement : float
             Particles start so far from the prepared state, each in its own (always the same)
             direction [mean radii].

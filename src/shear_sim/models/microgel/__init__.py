@@ -14,7 +14,16 @@ from shear_sim.streams import Streams
 POINT = MicrogelPoint
 PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
 
-__all__ = ["COLUMNS", "DERIVED", "PHYSICS_VERSION", "POINT", "compile_for", "derive", "prepare", "start"]
+__all__ = [
+    "COLUMNS",
+    "DERIVED",
+    "PHYSICS_VERSION",
+    "POINT",
+    "compile_for",
+    "derive",
+    "prepare",
+    "start",
+]
 
 
 def start(point: MicrogelPoint, streams: Streams) -> Simulation:

@@ -1,7 +1,7 @@
 """One prepared packing, run as often as wanted and stepped in any way: what accuracy asks for."""
 
 from fractions import Fraction
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from shear_sim.models.microgel.simulation import (
     make_start,
     needs_tangential,
 )
-from shear_sim.models.microgel.state import STEADY, Clock, Discs, Pairs
+from shear_sim.models.microgel.state import STEADY, Clock, Constants, Discs, Pairs
 from shear_sim.streams import Streams
+
+State = TypeVar("State", Discs, Pairs)
 
 
 class PreparedMicrogel:
@@ -25,7 +27,7 @@ class PreparedMicrogel:
 
     def __init__(self, point: MicrogelPoint, streams: Streams) -> None:
         self.point = point
-        self.scheme = point.integrator.scheme
+        self.scheme: str = point.integrator.scheme
         self._start = make_start(point, streams)
         steps = point.steps_per_period
         self._clock = make_clock(point.shear, self._start.period, steps, point.record.every)
@@ -54,7 +56,6 @@ class PreparedMicrogel:
         scheme: str | None = None,
         *,
         factor: Fraction = Fraction(1),
-        fineness: int = 1,
         displacement: float = 0.0,
         energy: bool = False,
     ) -> MicrogelSimulation:
@@ -78,23 +79,17 @@ class PreparedMicrogel:
                 "record": point.record.model_copy(update={"energy": energy}),
             }
         )
-        discs = Discs(*(array.copy() for array in self._start.discs))
-        pairs = Pairs(*(array.copy() for array in self._start.pairs))
+        discs = _copied(self._start.discs)
+        pairs = _copied(self._start.pairs)
         if displacement:
             free = discs.plate == 0
             for position, direction in zip((discs.x, discs.y), self._directions, strict=True):
                 position[free] += displacement * self.mean_radius * direction[free]
-        limits = self._start.constants
-        constants = limits._replace(
-            step_stiffness=limits.step_stiffness / fineness,
-            step_rolling=limits.step_rolling / fineness,
-            step_dashpot=limits.step_dashpot / fineness,
-            step_strain=limits.step_strain / fineness,
-        )
         law, _ = laws.law_of(point.model.contact_law)
         kernels = kernels_for(law, needs_tangential(point.model), energy)
         return MicrogelSimulation(
-            point, kernels, discs, pairs, self._start.n_links, constants, clock,
+            point, kernels, discs, pairs, self._start.n_links,
+            _refined(self._start.constants, factor), clock,
             self._start.preparation,
         )  # fmt: skip
 
@@ -124,6 +119,17 @@ def energy_residual(columns: dict[str, Any]) -> float:
     energy = columns["kinetic_energy"] + columns["elastic_energy"]
     residual = np.abs(columns["energy_put_in"] - lost - (energy - energy[0])).max()
     return float(residual / lost[-1]) if lost[-1] > 0 else float("nan")
+
+
+def _copied(state: State) -> State:
+    return type(state)(*(array.copy() for array in state))  # type: ignore[arg-type]
+
+
+def _refined(constants: Constants, factor: Fraction) -> Constants:
+    """Return the constants with the longest substeps divided by ``factor``."""
+    limits = ("step_stiffness", "step_rolling", "step_dashpot", "step_strain")
+    shorter = {name: getattr(constants, name) / float(factor) for name in limits}
+    return constants._replace(**shorter)
 
 
 def _scaled(clock: Clock, factor: Fraction, period: float) -> Clock:

@@ -398,8 +398,8 @@ def _timed(start: Callable[[], Simulation]) -> tuple[Simulation, float]:
     return simulation, min(times)
 
 
-def compare_packings(job: "Job", packings: int, factor: int = PAIRED) -> dict[str, Any]:
-    """Compare the moduli of a point with those of finer steps, over many packings.
+def paired_differences(job: "Job", packings: int, factor: int = PAIRED) -> tuple[FloatArray, int]:
+    """Compare the moduli of a point with those of finer steps, packing by packing.
 
     Parameters
     ----------
@@ -408,40 +408,53 @@ def compare_packings(job: "Job", packings: int, factor: int = PAIRED) -> dict[st
     packings : int
         Number of pairs.
     factor : int
-        Steps per period of the finer member, relative to the point's own; so are its substeps.
+        Steps per period of the finer member, relative to the point's own.
 
     Returns
     -------
-    dict
-        Under the names of the table.
+    differences : (n, 2)
+        Of |G*| and of G'', own steps minus finer ones, over the mean of the latter.
+    failed : int
+        Pairs of which one member has no result.
     """
     from shear_sim.study import Job
 
-    pairs, failed = [], 0
+    pairs: list[FloatArray] = []
     for replicate in range(packings):
         of_packing = Job.create(job.point, job.seed, replicate)
         try:
             prepared = prepare(of_packing)
-            own, fine = (
+            found = [
                 response(of_packing, finish(prepared.start(factor=Fraction(n))))[0]
                 for n in (1, factor)
-            )
+            ]
         except SimulationError:
-            failed += 1
             continue
-        pairs.append(((own.magnitude, fine.magnitude), (own.loss, fine.loss)))
-    row: dict[str, Any] = {"packings": len(pairs), "failed": failed}
+        pairs.append(np.array([(each.magnitude, each.loss) for each in found]))
     values = np.array(pairs).reshape(-1, 2, 2)
-    # The same values have the same interval in every report.
-    rng = np.random.default_rng(int(job.point_id, 16))
-    for name, of_name in zip(("magnitude", "loss"), values.transpose(1, 2, 0), strict=True):
-        own_values, fine_values = of_name
-        scale = abs(fine_values.mean()) if len(pairs) else math.nan
-        found = interval((own_values - fine_values) / scale, rng=rng)
+    differences = values[:, 0] - values[:, 1]
+    if len(pairs):
+        differences /= np.abs(values[:, 1].mean(axis=0))
+    return differences, packings - len(pairs)
+
+
+def compare_packings(job: "Job", packings: int) -> dict[str, Any]:
+    """Return the mean paired differences of a point and their intervals, as in the table."""
+    differences, failed = paired_differences(job, packings)
+    return summarise_pairs(differences, failed, seed=int(job.point_id, 16))
+
+
+def summarise_pairs(differences: FloatArray, failed: int, *, seed: int) -> dict[str, Any]:
+    """Return means of `paired_differences` and their intervals, under the names of the table.
+
+    ``seed`` is that of the bootstrap: the same values have the same interval in every report.
+    """
+    row: dict[str, Any] = {"packings": len(differences), "failed": failed}
+    rng = np.random.default_rng(seed)
+    for name, values in zip(("magnitude", "loss"), differences.T, strict=True):
+        found = interval(values, rng=rng)
         row |= {
-            f"{name}_difference_mean": float((own_values - fine_values).mean() / scale)
-            if len(pairs)
-            else math.nan,
+            f"{name}_difference_mean": float(values.mean()) if len(values) else math.nan,
             f"{name}_difference_ci_low": found.low,
             f"{name}_difference_ci_high": found.high,
             "ci_method": found.method,

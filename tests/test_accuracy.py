@@ -88,6 +88,7 @@ def test_a_smooth_job_converges_and_loose_discs_at_full_strain_are_chaotic(smoot
 
 def test_an_error_that_does_not_fall_is_uneven(monkeypatch):
     monkeypatch.setattr(accuracy, "FALLING", 0.01)
+    monkeypatch.setattr(accuracy, "NEGLIGIBLE", 0.0)
     job = job_of(0.01, Links(cut="bulk"), friction=1.0)
     found = accuracy.measure(job, (Fraction(1),), ["velocity_verlet"], reference=8, energy=False)
     assert found.verdict.verdict == "uneven"

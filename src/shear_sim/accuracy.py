@@ -5,8 +5,8 @@ period also cuts them into substeps by limits n times finer; the reference is `R
 finer in both. Errors shrink with the step only where
 neighbouring trajectories stay together. A job is
 
-``convergent``  if the error of the stress falls when every step is halved, and twins that start a
-                little apart end as near to each other;
+``convergent``  if the error of the stress falls when every step is halved (or is negligible), and
+                twins that start a little apart end about as near to each other;
 ``chaotic``     if twins drift apart: with any step, however small, the run is one of many
                 equally good ones;
 ``uneven``      if the error does not fall although twins stay together: an event (a particle that
@@ -44,7 +44,7 @@ PAIRED = 4  # times the job's own steps: the finer member of each pair of packin
 TWIN = 1e-10  # initial distance of the first twins [mean radii]
 TWINS_PART = 10.0  # final / initial distance of twins; found: below 2 or above 100
 FALLING = 0.6  # error of the halved step / error; 0.5 is first order, 0.25 second
-ROUND_OFF = 1e-7  # relative stress errors below this need not fall
+NEGLIGIBLE = 1e-5  # stress errors, relative to the amplitude, that need not fall with the step
 EARLY = 0.05  # of a period: when the error of the step is read that the second twins start with
 TIMED, REPEATS = 0.2, 5  # CPU seconds up to which runs are repeated; the fastest counts
 RECORDS = 20  # per period, at least: moduli are fitted with nine harmonics
@@ -343,7 +343,7 @@ def _judge(prepared: Prepared, fine: Reference) -> Verdict:
         apart.append(prepared.distance(twin, own) / size)
     if max(apart) > TWINS_PART:
         verdict = "chaotic"
-    elif error > ROUND_OFF and halved > FALLING * error:
+    elif error > NEGLIGIBLE and halved > FALLING * error:
         verdict = "uneven"
     else:
         verdict = "convergent"

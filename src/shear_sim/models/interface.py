@@ -116,6 +116,15 @@ class Point(Section):
         """Return the point with every default that follows from other parameters filled in."""
         return self
 
+    def check_files(self) -> None:
+        """Check the contents of the files that the point names.
+
+        Raises
+        ------
+        Impossible
+            If a file cannot be simulated; says what is wrong with it.
+        """
+
     @property
     def recorded(self) -> tuple[str, ...] | None:
         """Stored columns that the result table shall hold; None: all."""

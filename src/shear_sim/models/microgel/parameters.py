@@ -321,6 +321,24 @@ class MicrogelPoint(Point):
         keys = ("integrator.steps_per_period", "shear.relative_frequency", "shear.kind")
         return [(("record.every", *keys), message)]
 
+    def check_files(self) -> None:
+        """Check the contents of the start file; see `Point.check_files`."""
+        if self.packing.start != "file":
+            return
+        from shear_sim.models.microgel.startfile import read_start
+
+        try:
+            given = read_start(self.packing, self.cell)
+        except ValueError as error:
+            raise Impossible([(("packing.file",), str(error))]) from None
+        links = len(given.links.i)
+        if (links > 0) != (self.model.links.cut == "file"):
+            message = (
+                f"links of a start file are used with cut: file, and only then: "
+                f"{self.packing.file} has {links}"
+            )
+            raise Impossible([(("model.links.cut", "packing.file"), message)])
+
     def resolved(self) -> Self:
         """Return the point with its number of steps and the height of its cell filled in."""
         steps = self.integrator.model_copy(update={"steps_per_period": self.steps_per_period})

@@ -68,12 +68,13 @@ def share(within: "Sequence[bool] | pd.Series[bool]") -> str:
 def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=Path())
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("results/default_steps"))
     parser.add_argument("--points", type=int, default=48)
     parser.add_argument("--discs", type=int, default=60)
     parser.add_argument("--packings", type=int, default=24)
     parser.add_argument("--steps", type=int, help="steps per period, instead of the default")
     options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
 
     one = (accuracy.LADDER[0] ** 0,)
     measured, pairs = [], []

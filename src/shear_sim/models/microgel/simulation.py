@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -336,7 +336,31 @@ class MicrogelSimulation:
         }
 
 
+class Start(NamedTuple):
+    """A packing at rest, linked and ready to be sheared: where runs of a point start from."""
+
+    discs: Discs
+    pairs: Pairs
+    n_links: int
+    constants: Constants
+    period: float  # T [s]
+    preparation: dict[str, Any]
+
+
 def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
+    """Prepare the simulation of a point, see :func:`make_start`."""
+    start = make_start(point, streams)
+    kernels = kernels_for(
+        laws.law_of(point.model.contact_law)[0], needs_tangential(point.model), point.record.energy
+    )
+    clock = make_clock(point.shear, start.period, point.steps_per_period, point.record.every)
+    return MicrogelSimulation(
+        point, kernels, start.discs, start.pairs, start.n_links, start.constants, clock,
+        start.preparation,
+    )  # fmt: skip
+
+
+def make_start(point: MicrogelPoint, streams: Streams) -> Start:
     """Make the packing of a point, bring it to rest, link it, and bring it to rest again."""
     model = point.model
     discs, pairs, n_links, width, height = _start(point, streams)
@@ -356,9 +380,7 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     if point.cell.boundary == "plates":
         glue(discs, height)
         preparation["glued_discs"] = int((discs.plate != 0).sum())
-
-    clock = make_clock(point.shear, period, point.steps_per_period, point.record.every)
-    return MicrogelSimulation(point, kernels, discs, pairs, n_links, constants, clock, preparation)
+    return Start(discs, pairs, n_links, constants, period, preparation)
 
 
 def _law(model: Microgel) -> laws.Law:

@@ -157,7 +157,7 @@ def test_numbers_have_a_unit_and_words_have_none(tables):
 
 def test_parameters_that_are_numbers_have_the_unit_1():
     keys = ("contact_law.begin", "contact_law.kind", "links.cuts", "young_modulus")
-    units = [module._describe([MicrogelPoint], f"model.{key}").unit for key in keys]
+    units = [module.describe_parameter([MicrogelPoint], f"model.{key}").unit for key in keys]
     assert units == ["1", "", "1", "Pa"]
 
 

@@ -78,7 +78,7 @@ def test_constant_and_drift_do_not_reach_the_moduli():
     assert found.storage == pytest.approx(10, abs=1e-8)
     assert found.loss == pytest.approx(2, abs=1e-8)
     assert found.drift == pytest.approx(slope, rel=1e-9)
-    middle = START + 2 * PERIOD - 0.5 * PERIOD / 200  # of the records of periods 2 and 3
+    middle = START + 2 * PERIOD + 0.5 * PERIOD / 200  # of the records of periods 2 and 3
     assert found.offset == pytest.approx(5e4 + slope * (middle - START), rel=1e-12)
     assert found.storage_cycles == pytest.approx([10] * 3, abs=1e-7)
 
@@ -107,15 +107,19 @@ def test_a_last_part_of_a_period_is_not_used():
     time = grid(periods=3.6)
     pure = 300 * np.sin(phase(time))
     edge = 1e-9 * PERIOD
-    used = (time >= START - edge) & (time < START + 3 * PERIOD - edge)
+    used = (time > START + edge) & (time <= START + 3 * PERIOD + edge)
     broken = np.where(used, pure, np.nan)
     assert fit(time, broken, periods=3.6) == fit(time, pure, periods=3.0)
 
 
-def test_the_last_record_of_the_window_is_excluded():
-    """Twice the same phase would weigh it twice."""
+def test_the_record_at_the_start_of_the_shear_is_left_out():
+    """It holds the stress before the rate jumps, and its phase stands again a period later."""
     time = grid()
-    assert fit(time, np.sin(phase(time))).rows == 2 * 200
+    stress = np.sin(phase(time))
+    assert fit(time, stress).rows == 2 * 200
+    jump = np.where(np.abs(time - START) < 1e-9 * PERIOD, 1e6, stress)
+    assert fit(time, jump, periods=1.0) == fit(time, stress, periods=1.0)
+    assert fit(time, jump) == fit(time, stress)
 
 
 @pytest.mark.parametrize("every", [7, 9, 11])

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from shear_sim import models
 from shear_sim.models.microgel.parameters import MicrogelPoint
+from shear_sim.packing import content_digest
 from shear_sim.study import Job, Study, StudyError, load_study, read_study
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -315,7 +316,8 @@ def test_a_users_law_is_hashed_by_its_text_not_its_path(tmp_path):
 
 def test_a_start_file_is_hashed_by_its_bytes(tmp_path):
     found = {}
-    for name, content in {"a": b"x,y,r\n", "b": b"x,y,r\n", "c": b"x,y,r\n1,2,3\n"}.items():
+    one = b"x,y,radius\n1e-4,3e-4,2e-5\n"
+    for name, content in {"a": one, "b": one, "c": one.replace(b"1e-4", b"2e-4")}.items():
         folder = tmp_path / name
         (folder / "starts").mkdir(parents=True)
         (folder / "starts" / f"{name}.csv").write_bytes(content)
@@ -326,7 +328,7 @@ def test_a_start_file_is_hashed_by_its_bytes(tmp_path):
         assert it.files == (Path("starts") / f"{name}.csv",)
     assert found["a"].id == found["b"].id != found["c"].id
     packing = found["a"].point.packing
-    assert packing.file_digest == hashlib.sha256(b"x,y,r\n").hexdigest()
+    assert packing.file_digest == content_digest(Path("a.csv"), one)
     assert packing.file == tmp_path / "a" / "starts" / "a.csv"
     data = found["a"].to_json()
     assert Job.from_json(data) == found["a"]

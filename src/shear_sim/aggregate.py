@@ -175,7 +175,7 @@ def make_tables(folder: Path | str) -> "dict[str, pd.DataFrame]":
     plan, study = results.plan()
     planned, index = plan.to_pandas(), results.index().to_pandas()
     points = [models.model(kind).POINT for kind in study["models"]]
-    parameters = [_describe(points, key) for key in study["varied"]]
+    parameters = [describe_parameter(points, key) for key in study["varied"]]
     planned = _labelled(planned, _scene_order(results.study_file))
     orphans = int((~index["job"].isin(planned["job"])).sum())
     runs = runs_table(planned, index, parameters)
@@ -372,7 +372,7 @@ def _statistics_of(quantity: Column) -> list[Column]:
     ]
 
 
-def _describe(sections: Sequence[Any], key: str) -> Column:
+def describe_parameter(sections: Sequence[Any], key: str) -> Column:
     """Return a parameter as a column: unit (in brackets there) and words from its schema.
 
     The unit of plain numbers is 1, that of words is empty.

@@ -219,6 +219,44 @@ def aggregate(
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
 
 
+@app.command()
+def accuracy(
+    study: StudyFile,
+    job: Annotated[
+        str | None, typer.Option("--job", metavar="ID", help="Only this job: id or its begin.")
+    ] = None,
+    points: Annotated[int, typer.Option(min=1, help="Representative points to measure.")] = 8,
+    replicates: Annotated[int, typer.Option(min=1, help="Packings of each point.")] = 1,
+    packings: Annotated[
+        int, typer.Option(min=0, help="Packings that judge a point whose runs are chaotic.")
+    ] = 24,
+    results: Root = RESULTS,
+) -> None:
+    """Show what error the steps of a study leave, and at what cost.
+
+    Representative jobs run from one prepared packing each, with every integrator over a ladder of
+    steps per period, against far finer steps. Jobs whose runs do not converge with the step are
+    found, and judged by the mean over many packings. Tables and a figure are kept.
+
+    Examples: shear-sim accuracy configs/quick.yaml;
+    shear-sim accuracy configs/main.yaml --job 3f9c21
+    """
+    loaded = _load(study)
+    from shear_sim import accuracy_report
+
+    failed = accuracy_report.report(
+        loaded,
+        _results(loaded, results),
+        job=job,
+        points=points,
+        replicates=replicates,
+        packings=packings,
+        say=typer.echo,
+        tell=_tell,
+    )
+    raise typer.Exit(1 if failed else 0)
+
+
 def _tell() -> None:
     from shear_sim.screen import COMPILING
 

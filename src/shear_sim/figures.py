@@ -30,8 +30,8 @@ DPI = 300
 
 _NOWHERE = object()  # the reference of a parameter that has none: no point stands there
 
-_WIDTH = 7.2  # inches: two columns of a journal
-_STYLE: dict[Any, Any] = {
+WIDTH = 7.2  # inches: two columns of a journal
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -47,7 +47,7 @@ _STYLE: dict[Any, Any] = {
 }
 _MARKERS = "osD^vPX<>ph*"
 # Okabe & Ito: told apart with any colour vision. For values without an order.
-_UNORDERED = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+UNORDERED = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _WIDE = 8  # largest / smallest value from which an axis of a parameter is logarithmic
 _FEW = 5  # values of a logarithmic axis that are labelled themselves
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
@@ -189,9 +189,9 @@ def _figure(
     shown = pd.concat([part for _, part, _ in panels])
     look = _Look.of(shown, colour, joined=joined)
     rows, columns = len(quantities), len(panels)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         # Figure, not pyplot: no window, no backend, nothing global that keeps it alive.
-        size = (max(_WIDTH, 1.8 * columns) if columns > 1 else 4.5, 2.1 * rows + 0.9)
+        size = (max(WIDTH, 1.8 * columns) if columns > 1 else 4.5, 2.1 * rows + 0.9)
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
         hidden = 0
@@ -239,7 +239,7 @@ class _Look:
         ordered = shown[key].dtype.kind in "if"
         values = sorted(shown[key].dropna().unique()) if ordered else list(shown[key].unique())
         if not ordered or len(values) == 1:
-            cycle = _UNORDERED * (1 + len(values) // len(_UNORDERED))
+            cycle = UNORDERED * (1 + len(values) // len(UNORDERED))
             return cls(key, dict(zip(values, cycle, strict=False)), None, styles, joined)
         viridis = mpl.colormaps["viridis"]
         if len(values) <= _MOST_LINES:
@@ -258,7 +258,7 @@ class _Look:
             bar = figure.colorbar(self.bar, ax=axes, label=_label(points, str(self.key)))
             low, high = self.bar.get_clim()
             if low > 0 and high / low >= _WIDE:
-                _log_ticks(bar.ax.yaxis, low, high)
+                log_ticks(bar.ax.yaxis, low, high)
         handles = [
             Line2D([], [], color=colour, marker=marker, label=_value(value))
             for (value, colour), marker in zip(self.colours.items(), self.markers(), strict=False)
@@ -314,7 +314,7 @@ def _lines(
                 at = known[x].map(place).to_numpy(dtype=np.float64) + 0.5 * aside / len(groups)
             if not len(known):
                 continue
-            colour = look.colours.get(value, _UNORDERED[0])
+            colour = look.colours.get(value, UNORDERED[0])
             if look.bar is not None and look.key is not None:
                 colour = look.bar.to_rgba(known[look.key].to_numpy(dtype=np.float64))
             line_style = style if place is None else "none"
@@ -399,7 +399,7 @@ def _scale_x(axis: "Axes", values: "pd.Series[Any]") -> dict[Any, int] | None:
             axis.xaxis.set_major_formatter(FixedFormatter([_value(v) for v in few]))
             axis.xaxis.set_minor_formatter(NullFormatter())
         else:
-            _log_ticks(axis.xaxis, float(values.min()), float(values.max()))
+            log_ticks(axis.xaxis, float(values.min()), float(values.max()))
     elif wide and (values >= 0).all():
         axis.set_xscale("symlog", linthresh=float(positive.min()))
     return None
@@ -421,11 +421,11 @@ def _scale_y(axis: "Axes", shown: "pd.DataFrame", quantity: str) -> float | None
     foot, top = min(foot, least) / 1.3, max(top, most) * 1.3
     axis.set_yscale("log")
     axis.set_ylim(foot, top)
-    _log_ticks(axis.yaxis, foot, top)
+    log_ticks(axis.yaxis, foot, top)
     return foot
 
 
-def _log_ticks(axis: "Axis", low: float, high: float) -> None:
+def log_ticks(axis: "Axis", low: float, high: float) -> None:
     """Label each decade; over less than two decades 1, 2 and 5 of each, as plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -498,9 +498,9 @@ def example_run(
     oscillatory = protocol["kind"] == "oscillatory"
     unit = protocol["period"] if oscillatory else 1.0
     clock = (time - start) / unit
-    blue, orange = _UNORDERED[:2]
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(_WIDTH, 3.3), layout="constrained")
+    blue, orange = UNORDERED[:2]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 3.3), layout="constrained")
         axes = figure.subplot_mosaic("ac;bc", width_ratios=[1.25, 1])
         axes["b"].sharex(axes["a"])
         axes["a"].plot(clock, strain, color=blue)

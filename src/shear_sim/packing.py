@@ -3,13 +3,14 @@
 A start is geometry only: positions, radii and cell. Bringing it to rest is each model's affair.
 """
 
+import hashlib
 import math
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from shear_sim.schema import MICROMETRES, PERCENT, Impossible, Positive, Section
 from shear_sim.streams import Streams
@@ -51,6 +52,9 @@ class Equilibration(Section):
     ] = 100_000
 
 
+DECIDED_BY_FILE = ("discs", "packing_fraction", "size_ratio")
+
+
 class Packing(Section):
     """Which discs there are and where they start."""
 
@@ -81,6 +85,14 @@ class Packing(Section):
         str | None, Field(description="SHA-256 of the start file; filled in when the study is read")
     ] = None
     equilibration: Equilibration = Equilibration()
+
+    @model_serializer(mode="wrap")
+    def _what_counts(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what a start file decides: no table or id shall hold a default in its place."""
+        values: dict[str, Any] = dump(self)
+        if self.start == "file":
+            values = {name: v for name, v in values.items() if name not in DECIDED_BY_FILE}
+        return values
 
     @model_validator(mode="after")
     def _agree_with_the_start(self) -> Self:
@@ -133,6 +145,11 @@ class Start(NamedTuple):
     radius: FloatArray  # (N,) [m]
     width: float  # [m]
     height: float  # [m]
+
+
+def content_digest(path: Path, content: bytes) -> str:
+    """Return the SHA-256 of a start file: of its kind, which its suffix tells, and its bytes."""
+    return hashlib.sha256(path.suffix.encode() + b"\0" + content).hexdigest()
 
 
 def cell_height(packing: Packing, cell: Cell) -> float:

@@ -199,7 +199,9 @@ def _designs(
     if whole < 1:
         msg = f"shear.periods = {periods:g}: moduli need at least one whole period"
         raise ValueError(msg)
-    edges = np.searchsorted(phase, np.arange(whole + 1) - _EDGE)
+    # A period is what follows its start: the record at the start of the shear still holds the
+    # stress before the rate jumps.
+    edges = np.searchsorted(phase, np.arange(whole + 1) + _EDGE)
     needed = 2 * harmonics + 1
     for cycle, rows in enumerate(np.diff(edges).tolist()):
         if rows < needed:

@@ -39,7 +39,8 @@ from shear_sim.document import (
     round12,
 )
 from shear_sim.models.interface import Point
-from shear_sim.schema import Section
+from shear_sim.packing import content_digest
+from shear_sim.schema import Impossible, Section
 from shear_sim.streams import Streams
 
 Labels = tuple[tuple[str, str], ...]
@@ -399,10 +400,15 @@ class _Reader:
             point = model.model_validate(data)
             if self._names_files and (files := tuple(self._read_files(point))):
                 point = model.model_validate(apply(data, files))
+                point.check_files()
         except ValidationError as error:
             for complaint in all_complaints(error, model, data, KEYS):
                 if complete or complaint.about != "whole":
                     self._report(complaint, data, changes)
+        except Impossible as error:
+            for keys, message in error.problems:
+                complaint = Complaint(tuple(tuple(key.split(".")) for key in keys), message)
+                self._report(complaint, data, changes)
         except _Fault as fault:
             self._report(fault.complaint, data, changes)
         else:
@@ -440,7 +446,7 @@ class _Reader:
         content = self._content[path]
         if as_text:
             return content.decode().replace("\r\n", "\n")
-        return hashlib.sha256(content).hexdigest()
+        return content_digest(path, content)
 
     def _report(self, complaint: Complaint, data: Mapping[str, Any], changes: Changes = ()) -> None:
         """Add a problem at the key that the study changes last, once for all points."""

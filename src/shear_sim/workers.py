@@ -254,6 +254,14 @@ def compile_for(jobs: Sequence["Job"], tell: Callable[[], None]) -> None:
     points: dict[str, dict[int, Any]] = {}
     for job in jobs:  # replicates share their point
         points.setdefault(job.point.kind, {})[id(job.point)] = job.point
+    with telling(tell):
+        for kind, of_kind in points.items():
+            models.model(kind).compile_for(list(of_kind.values()))
+
+
+@contextlib.contextmanager
+def telling(tell: Callable[[], None]) -> Iterator[None]:
+    """Call ``tell`` once, before the first function that is compiled in this context."""
     from numba.core import event
 
     class Teller(event.Listener):
@@ -268,8 +276,7 @@ def compile_for(jobs: Sequence["Job"], tell: Callable[[], None]) -> None:
             pass
 
     with event.install_listener("numba:compile", Teller()):
-        for kind, of_kind in points.items():
-            models.model(kind).compile_for(list(of_kind.values()))
+        yield
 
 
 def _work(number: int, channel: Connection, jobs: Sequence["Job"], folder: Path) -> None:

@@ -413,3 +413,27 @@ class TestDampingAndDrive:
         edge, middle = lag["boundary"]
         assert middle > 0.3
         assert edge < 0.8 * middle
+
+
+def test_cap_is_of_the_elastic_force_alone():
+    """Closing at speed 1 only the elastic part of the normal force counts: |F_t| = μ k δ."""
+    s = scene(
+        [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, eta=0.3, friction=MU, step=1.0, steps=1,
+        velocity=np.array([[0.5, 0.0], [-0.5, 0.0]]), spin=np.array([0.0, -50.0]),
+    )  # fmt: skip
+    s.advance(1)
+    s.work.turn[1] = -5.0
+    s.kernels.contact_forces(s.discs, s.work, s.pairs, 0, s.constants, 0.0, 0.0, 0.1, True)
+    assert s.work.fx[0] == pytest.approx(-(K * OVERLAP + 0.3), rel=1e-12)
+    assert s.work.fy[0] == pytest.approx(CAP, rel=1e-12)
+
+
+def test_a_dashpot_does_not_stretch_the_spring():
+    """A spring below the Coulomb surface stays where the motion has brought it.
+
+    Fast at first, the dashpot fills the cap; then slow, the force is that of the small spring.
+    """
+    force, kind, h = drive(np.array([5.0, 1e-9]), etat=0.05)
+    assert force[0] == pytest.approx(CAP, rel=1e-12)
+    assert force[1] == pytest.approx(KT * 5.0 * h, rel=1e-6)
+    assert kind[1] == STICK

@@ -38,7 +38,7 @@ TOUCHING = math.pi / (2 * math.sqrt(3))  # packing fraction of discs that just t
 K = math.pi * 8000 / 8
 
 
-def crystal(packing_fraction, law, amplitude, friction=0.0, *, links="none"):
+def crystal(packing_fraction, law, amplitude, friction=0.0, *, links="none", periods=2):
     return MicrogelPoint(
         packing=Packing(
             start="hexagonal", discs=24, columns=4, packing_fraction=packing_fraction, size_ratio=1
@@ -50,7 +50,7 @@ def crystal(packing_fraction, law, amplitude, friction=0.0, *, links="none"):
             strain_amplitude=amplitude,
             relative_frequency=0.0025,
             pre_periods=0,
-            periods=2,
+            periods=periods,
             post_periods=0,
         ),
     )
@@ -72,11 +72,16 @@ def measure(simulation):
 
 
 @pytest.mark.parametrize(
-    ("law", "amplitude"), [(LinearLaw(kind="linear"), 1e-3), (DivergentLaw(), 1e-6)]
+    ("law", "amplitude", "periods"),
+    [
+        (LinearLaw(kind="linear"), 1e-3, 2),
+        (DivergentLaw(), 1e-6, 2),
+        (LinearLaw(kind="linear"), 1e-3, 1),
+    ],
 )
-def test_bonded_crystal(law, amplitude):
+def test_bonded_crystal(law, amplitude, periods):
     """G′ = (√3/4)(k + k_T) and G″ = ω (√3/4)(η + η_T) of an unstressed network of links."""
-    point = crystal(TOUCHING, law, amplitude, links="bulk")
+    point = crystal(TOUCHING, law, amplitude, links="bulk", periods=periods)
     start = start_discs(point.packing, point.cell, Streams(0, 0))
     discs = make_discs(start.position, start.radius, density=1000.0)
     network = touching_pairs(start.position, start.radius * 1.001, (start.width, start.height))

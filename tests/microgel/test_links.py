@@ -254,8 +254,8 @@ def test_removal_never_splits_a_particle(network, cut, fraction):
         particles_ = len(set(components(n, network.pairs[before]).tolist()))
         removable = before.sum() - (n - particles_)
         assert report["non_essential_links"] == removable
-        # The target, rounded up to whole links, or all that can go.
-        assert removed == min(np.ceil(fraction * before.sum()), removable)
+        assert removed == round(fraction * removable)
+        assert report["removed_of_non_essential"] == pytest.approx(removed / removable)
 
 
 def test_removal_is_reverse_delete(network):
@@ -264,7 +264,8 @@ def test_removal_is_reverse_delete(network):
     before, _ = make_links(network, section(), Streams(4, 0))
     after, _ = make_links(network, section(remove_fraction=0.3), Streams(4, 0))
     order = Streams(4, 0).generator("link removal").permutation(np.flatnonzero(before))
-    kept, target = before.copy(), int(np.ceil(0.3 * before.sum()))
+    pieces = len(set(components(n, network.pairs[before]).tolist()))
+    kept, target = before.copy(), round(0.3 * (before.sum() - (n - pieces)))
     for q in order:
         if before.sum() - kept.sum() == target:
             break

@@ -6,7 +6,7 @@ Tables S4-4 and S4-6 print the tolerances of linear and angular momentum exchang
 use 1e-15 for the linear and 1e-13 (S4-4) or 1e-14 (S4-6) for the angular momentum, and so do we.
 """
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -282,16 +282,28 @@ def against_a_plate():
 
 
 @cache
-def across_the_edge():
-    """Two discs that touch through the side of the periodic cell only."""
+def across_the_edge(seed=None):
+    """Two discs that touch through the side of the periodic cell only.
+
+    Without a seed the scenario of the manual's program, else one like it at random.
+    """
+    left, right, spin = (20.0, 200.0), (480.0, 230.0), 0.25
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        left = (20 + rng.uniform(-8, 8), 200 + rng.uniform(-60, 60))
+        right = (480 + rng.uniform(-8, 8), left[1] + rng.uniform(-40, 40))
+        spin = rng.uniform(-1, 1)
     return two_discs(
-        [(20, 200), (480, 230)], velocity=np.array([(10.0, 0), (-10, 0)]),
-        spin=np.array([0, 0.25]), periodic=True, k=1.0, eta=1.0, kt=1.0, etat=1.0, friction=0.5,
+        [left, right], velocity=np.array([(10.0, 0), (-10, 0)]),
+        spin=np.array([0, spin]), periodic=True, k=1.0, eta=1.0, kt=1.0, etat=1.0, friction=0.5,
         step=0.01, steps=50, after=0,
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("scenario", [against_a_plate, across_the_edge])
+EDGE_SEEDS = [partial(across_the_edge, seed) for seed in range(5)]
+
+
+@pytest.mark.parametrize("scenario", [against_a_plate, across_the_edge, *EDGE_SEEDS])
 class TestTablesS47AndS48BoundaryForces:
     """Forces from a glued disc, or through the periodic edge, come from outside."""
 

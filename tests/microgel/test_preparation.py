@@ -11,7 +11,8 @@ from scenes import evaluate, finish, packing_point, prepared
 
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel import laws, motion
-from shear_sim.models.microgel.parameters import CustomLaw, HertzLaw, LinearLaw, Links
+from shear_sim.models.microgel import simulation as simulation_module
+from shear_sim.models.microgel.parameters import CustomLaw, LinearLaw, Links
 from shear_sim.models.microgel.simulation import kernels_for
 from shear_sim.packing import Cell, Equilibration
 from shear_sim.protocol import OscillatoryShear
@@ -176,18 +177,25 @@ def test_kernels_of_a_law_are_compiled_once():
     assert laws.custom(BUILT_IN) is laws.custom(BUILT_IN)
 
 
-def test_energy_of_a_contact_is_the_integral_of_its_force():
-    for section in (LinearLaw(kind="linear"), HertzLaw(kind="hertz")):
-        law, p = laws.law_of(section)
-        d, D, k, e = 1.6, 2.0, 3.0, 1e-6
-        slope = (laws.energy(section, d + e, D, k) - laws.energy(section, d - e, D, k)) / (2 * e)
-        assert slope == pytest.approx(law(d, D, k, p), rel=1e-6)
-    assert laws.energy(LinearLaw(kind="linear"), 1.6, 2.0, 3.0) == pytest.approx(0.5 * 3 * 0.16)
-
-
 def test_an_unstable_run_is_a_simulation_error():
     """What is no longer a number stops the job, with what to do about it."""
     s = prepared(packing_point(discs=30))
     s.discs.cx[0] = np.nan
     with pytest.raises(SimulationError, match="steps_per_period"):
         finish(s)
+
+
+def test_a_packing_that_moves_is_not_at_rest():
+    """No net force, but a velocity, a spin: it settles until both have gone."""
+    point = packing_point(discs=20)
+    simulation = prepared(point)
+    discs = simulation.discs
+    _, tau = simulation_module.time_scale(point.model, discs.mass)
+    for array, value in ((discs.cx, 1e-3), (discs.spin, 10.0)):
+        array[0] = value
+        _, report = simulation_module._settle(
+            point, simulation.kernels, discs, simulation.pairs, 0, simulation.constants, tau
+        )
+        assert report["settling_steps"] > 0
+        assert report["at_rest"]
+        assert report["kinetic_energy"] <= point.packing.equilibration.energy_tolerance

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import finish, packing_point, prepared, steady
 
+from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel.parameters import Links
 from shear_sim.models.microgel.state import ROW
 from shear_sim.protocol import OscillatoryShear
@@ -138,3 +139,20 @@ def test_halved_steps_converge_at_second_order():
     coarse, middle, fine = (end(n) for n in (800, 1600, 3200))
     ratio = np.abs(coarse - middle).max() / np.abs(middle - fine).max()
     assert 3.5 < ratio < 4.6
+
+
+def test_a_steady_rate_is_exact_and_a_shear_of_few_steps_is_refused():
+    point = packing_point(shear=steady(0.333, rate=0.05), discs=20)
+    simulation = prepared(point)
+    columns = finish(simulation)
+    tau = simulation.summary()["derived"]["time_constant"]
+    assert columns["strain_rate"][-1] == pytest.approx(0.05 / tau, rel=1e-12)
+    assert columns["strain"][-1] == pytest.approx(0.333, rel=0.01)
+    with pytest.raises(ValueError, match=r"the shear takes 2\.5 steps: at least 4000"):
+        packing_point(shear=steady(0.5, rate=1.0))
+
+
+def test_a_step_that_cannot_be_cut_small_enough_is_said():
+    point = packing_point(discs=20, relative_viscosity=1e6)
+    with pytest.raises(SimulationError, match="needs more than 4096 pieces"):
+        finish(prepared(point))

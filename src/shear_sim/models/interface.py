@@ -1,6 +1,7 @@
 """What the runner knows of a physical model, and nothing else."""
 
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -47,6 +48,59 @@ class Simulation(Protocol):
         """Return JSON-ready facts: derived, protocol, preparation, checks, flags."""
 
 
+class Prepared(Protocol):
+    """The start of one job, from which it runs as often as wanted, stepped in different ways.
+
+    What the accuracy report asks of a model that steps in time, beside :class:`Model`: a function
+    ``prepare(point, streams)`` of the package returns it.
+    """
+
+    schemes: tuple[str, ...]  # integrators by name
+    scheme: str  # the one of the point
+
+    def allows(self, factor: Fraction) -> bool:
+        """Tell whether the protocol has whole steps when it has ``factor`` times as many."""
+
+    def start(
+        self,
+        scheme: str | None = None,
+        *,
+        factor: Fraction = Fraction(1),
+        displacement: float = 0.0,
+        energy: bool = False,
+    ) -> Simulation:
+        """Return a simulation that starts from the prepared state.
+
+        Parameters
+        ----------
+        scheme : str, optional
+            Integrator; default: the point's own.
+        factor : Fraction
+            Steps per period, relative to the point's own; where the model shortens steps by itself,
+            its limits are divided by it too. Records stay at the same times; where there are fewer
+            steps than records, every step is recorded.
+        displacement : float
+            Particles start so far from the prepared state, each in its own (always the same)
+            direction [mean radii].
+        energy : bool
+            Keep the energy balance too.
+
+        Raises
+        ------
+        ValueError
+            If the protocol would not have whole steps.
+        """
+
+    def distance(self, one: Any, other: Any) -> float:
+        """Root mean square distance of the particles of two runs at their last records.
+
+        In mean radii; every particle to the nearest image of its twin.
+        """
+
+    def energy_residual(self, simulation: Any) -> float:
+        """Largest error of the energy balance of a run (``energy=True``) / energy lost in it."""
+
+
 class Point(Section):
     """Everything that describes one simulation but seed and replicate.
 
@@ -61,6 +115,15 @@ class Point(Section):
     def resolved(self) -> Self:
         """Return the point with every default that follows from other parameters filled in."""
         return self
+
+    def check_files(self) -> None:
+        """Check the contents of the files that the point names.
+
+        Raises
+        ------
+        Impossible
+            If a file cannot be simulated; says what is wrong with it.
+        """
 
     @property
     def recorded(self) -> tuple[str, ...] | None:

@@ -6,7 +6,7 @@ Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``si
 
 from collections.abc import Sequence
 
-from shear_sim.models.interface import Simulation
+from shear_sim.models.interface import Prepared, Simulation
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
 from shear_sim.streams import Streams
@@ -14,7 +14,16 @@ from shear_sim.streams import Streams
 POINT = MicrogelPoint
 PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
 
-__all__ = ["COLUMNS", "DERIVED", "PHYSICS_VERSION", "POINT", "compile_for", "derive", "start"]
+__all__ = [
+    "COLUMNS",
+    "DERIVED",
+    "PHYSICS_VERSION",
+    "POINT",
+    "compile_for",
+    "derive",
+    "prepare",
+    "start",
+]
 
 
 def start(point: MicrogelPoint, streams: Streams) -> Simulation:
@@ -29,3 +38,10 @@ def compile_for(points: Sequence[MicrogelPoint]) -> None:
     from shear_sim.models.microgel.simulation import compile_kernels
 
     compile_kernels(points)
+
+
+def prepare(point: MicrogelPoint, streams: Streams) -> Prepared:
+    """Prepare a packing from which simulations start that are stepped in different ways."""
+    from shear_sim.models.microgel.prepared import PreparedMicrogel
+
+    return PreparedMicrogel(point, streams)

@@ -39,12 +39,14 @@ from shear_sim.models.microgel.motion import (
 )
 from shear_sim.models.microgel.state import (
     COULOMB,
+    MOST_PIECES,
     NOT_FINITE,
     OPEN,
     RESET,
     RUNNING,
     SLIDE,
     STICK,
+    TOO_STIFF,
     Clock,
     Constants,
     Discs,
@@ -432,7 +434,7 @@ def run(
     Returns
     -------
     pairs, row, substeps, status
-        The pair list, rows filled, substeps made, and RUNNING or NOT_FINITE.
+        The pair list, rows filled, substeps made, and RUNNING, NOT_FINITE or TOO_STIFF.
     """
     n = discs.x.shape[0]
     height, width = constants.height, constants.width
@@ -475,8 +477,10 @@ def run(
                 tally(discs, work, constants, rate, 0.0)
         pieces = 1
         longest = substep(constants, work, peak_rate(clock, now))
-        while clock.step > longest * pieces and pieces < 4096:
+        while clock.step > longest * pieces:
             pieces *= 2
+            if pieces > MOST_PIECES:
+                return pairs, filled, substeps, TOO_STIFF
         h = clock.step / pieces
         record = (k + 1) % clock.every == 0
         for piece in range(pieces):

@@ -8,11 +8,13 @@ functions that the kernels are compiled with, so that a user's own law runs at t
 
 import math
 import sys
+import traceback
 from collections.abc import Callable
 from functools import cache
-from types import ModuleType
-from typing import TYPE_CHECKING
+from types import FunctionType, ModuleType
+from typing import TYPE_CHECKING, Any
 
+import numba
 from numba.extending import register_jitable
 
 from shear_sim.compiled import digest
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 LawParameters = tuple[float, float, float, float]
 Law = Callable[[float, float, float, LawParameters], float]
 
+LAW_FILE = "<user contact law>"  # what Python calls the user's file
 CLAMP = 1000.0  # largest force in units of k D, eq. S1-6
 
 
@@ -90,39 +93,62 @@ def law_of(section: "ContactLaw") -> tuple[Law, LawParameters]:
 def custom(source: str) -> Law:
     """Return the law that the user's Python file defines as ``contact_force``.
 
+    Other functions of the file may be called by it.
+
     Raises
     ------
     ValueError
-        If the file defines no function ``contact_force``.
+        If the file cannot be executed or compiled, or the force is not a finite number; says
+        where, in one sentence.
     """
     name = f"user_contact_law_{digest(source)}"
     module = ModuleType(name)
     sys.modules[name] = module  # Numba finds it by name when it loads the compiled kernels
-    exec(compile(source, "<user contact law>", "exec"), module.__dict__)  # noqa: S102
-    function = getattr(module, "contact_force", None)
-    if not callable(function):
-        msg = (
-            "the custom contact law must define "
-            "contact_force(distance, contact_distance, stiffness, repulsion)"
-        )
+    try:
+        exec(compile(source, LAW_FILE, "exec"), module.__dict__)  # noqa: S102
+    except BaseException as error:  # also SystemExit: whatever the user's lines raise
+        msg = f"{_law_line(error)}{type(error).__name__}: {error}"
+        raise ValueError(msg) from None
+    for function in vars(module).values():
+        if isinstance(function, FunctionType) and function.__code__.co_filename == LAW_FILE:
+            register_jitable(function)
+    force = vars(module).get("contact_force")
+    if not isinstance(force, FunctionType):
+        msg = "must define contact_force(distance, contact_distance, stiffness, repulsion)"
         raise ValueError(msg)
-    users = register_jitable(function)
+    _try_law(force)
 
     @register_jitable
     def law(d: float, D: float, k: float, p: LawParameters) -> float:
-        return float(users(d, D, k, p[0]))
+        return float(force(d, D, k, p[0]))
 
     law.__name__ = f"custom_{digest(source)}"  # names the compiled kernels
     return law
 
 
-def energy(section: "ContactLaw", d: float, D: float, k: float) -> float:
-    """Return the elastic energy of a contact, ∫_d^D −F dr, per metre of depth [J/m]."""
-    from scipy.integrate import quad
+def _try_law(force: Callable[..., Any]) -> None:
+    """Compile a user's law and call it at some distances."""
+    compiled = numba.njit(error_model="numpy")(force)
+    for ratio in (0.999999, 0.9, 0.5, 0.1):
+        try:
+            value = float(compiled(ratio * 1e-4, 1e-4, 3000.0, 1.0))
+        except numba.core.errors.NumbaError as error:
+            # The first line of such a message names the stage of the compiler, the next the fault.
+            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+            fault = next((line for line in lines if not line.startswith("Failed in")), lines[0])
+            loc = getattr(error, "loc", None)
+            where = f"line {loc.line}: " if loc else ""
+            msg = f"{where}cannot be compiled: {fault}"
+            raise ValueError(msg) from None
+        except Exception as error:
+            msg = f"{_law_line(error)}{type(error).__name__}: {error}"
+            raise ValueError(msg) from None
+        if not math.isfinite(value):
+            msg = f"contact_force is {value} at {ratio:g} of the contact distance"
+            raise ValueError(msg)
 
-    law, p = law_of(section)
-    if d >= D:
-        return 0.0
-    kinks = [x * D for x in p[1:3] if d < x * D < D]
-    value, _ = quad(lambda r: -law(r, D, k, p), d, D, points=kinks or None, epsabs=0, epsrel=1e-12)
-    return float(value)
+
+def _law_line(error: BaseException) -> str:
+    """Return ``line n: `` of the user's file where ``error`` was raised."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == LAW_FILE]
+    return f"line {frames[-1].lineno}: " if frames else ""

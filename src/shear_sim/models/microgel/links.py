@@ -207,7 +207,7 @@ def _forest(network: Network, linked: Bools, order: NDArray[np.int64]) -> Bools:
 def _remove(
     network: Network, linked: Bools, fraction: float, streams: Streams
 ) -> tuple[Bools, int]:
-    """Remove random links that no particle needs to hold together, up to a fraction of all.
+    """Remove a fraction of the links that no particle needs to hold together, at random.
 
     A link can go if the links that are left still join its ends. Going through a random order
     once, that is so exactly for the links outside the spanning forest of the reversed order
@@ -215,8 +215,8 @@ def _remove(
     """
     order = streams.generator("link removal").permutation(np.flatnonzero(linked))
     forest = _forest(network, linked, order)
-    target = int(np.ceil(fraction * len(order)))
-    going = order[~forest[order]][:target]
+    free = order[~forest[order]]
+    going = free[: round(fraction * len(free))]
     kept = linked.copy()
     kept[going] = False
     return kept, len(going)

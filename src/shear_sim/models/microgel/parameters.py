@@ -165,7 +165,8 @@ class Links(Section):
         bool, Field(description="draw the cut again while a particle spans the cell's height")
     ] = True
     remove_fraction: Annotated[
-        Fraction, Field(description="fraction of the links to remove, never splitting a particle")
+        Fraction,
+        Field(description="fraction to remove of the links that no particle needs to stay whole"),
     ] = 0.0
     join_isolated: Annotated[
         bool, Field(description="link a disc without links to a neighbour")
@@ -299,7 +300,7 @@ class MicrogelPoint(Point):
         if self.model.links.cut == "file" and self.packing.start != "file":
             message = f"cut: file needs start: file, whose links it takes, not {self.packing.start}"
             raise Impossible([(("model.links.cut", "packing.start"), message)])
-        if problems := self._unresolved_records():
+        if problems := self._unresolved_records() + self._too_few_steps():
             raise Impossible(problems)
         return self
 
@@ -308,6 +309,16 @@ class MicrogelPoint(Point):
         """Whole steps per period T: as given, else 0.2 τ each and at least 100."""
         given = self.integrator.steps_per_period
         return given or max(100, math.ceil(5 / self.shear.relative_frequency))
+
+    def _too_few_steps(self) -> list[tuple[tuple[str, ...], str]]:
+        """Return the complaint on a shear that whole steps cannot resolve to a percent."""
+        steps = self.shear.periods * self.steps_per_period
+        if abs(steps - round(steps)) <= 0.01 * steps:
+            return []
+        needed = math.ceil(self.steps_per_period * 50 / steps)
+        message = f"the shear takes {steps:.3g} steps: at least {needed} steps per period"
+        keys = ("shear.strain", "shear.relative_rate", "shear.periods", "shear.relative_frequency")
+        return [(("integrator.steps_per_period", *keys), message)]
 
     def _unresolved_records(self) -> list[tuple[tuple[str, ...], str]]:
         """Return the complaint on records too rare for the nine harmonics of the moduli."""
@@ -320,6 +331,24 @@ class MicrogelPoint(Point):
         )
         keys = ("integrator.steps_per_period", "shear.relative_frequency", "shear.kind")
         return [(("record.every", *keys), message)]
+
+    def check_files(self) -> None:
+        """Check the contents of the start file; see `Point.check_files`."""
+        if self.packing.start != "file":
+            return
+        from shear_sim.models.microgel.startfile import read_start
+
+        try:
+            given = read_start(self.packing, self.cell)
+        except ValueError as error:
+            raise Impossible([(("packing.file",), str(error))]) from None
+        links = len(given.links.i)
+        if (links > 0) != (self.model.links.cut == "file"):
+            message = (
+                f"links of a start file are used with cut: file, and only then: "
+                f"{self.packing.file} has {links}"
+            )
+            raise Impossible([(("model.links.cut", "packing.file"), message)])
 
     def resolved(self) -> Self:
         """Return the point with its number of steps and the height of its cell filled in."""

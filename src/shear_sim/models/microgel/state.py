@@ -22,7 +22,8 @@ ENERGIES = (
 
 OPEN, STICK, SLIDE = 0, 1, 2  # state of a pair
 REST, OSCILLATION, STEADY = 0, 1, 2  # segments of a protocol
-RUNNING, NOT_FINITE = 0, 1  # status of a run
+RUNNING, NOT_FINITE, TOO_STIFF = 0, 1, 2  # status of a run
+MOST_PIECES = 4096  # of a step
 
 COULOMB, RESET = 0, 1
 

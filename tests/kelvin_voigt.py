@@ -22,7 +22,7 @@ from shear_sim.schema import NonNegative, Section
 PHYSICS_VERSION = 1
 COLUMNS = (
     Column("time", "s", "time"),
-    Column("strain", "-", "imposed strain"),
+    Column("strain", "1", "imposed strain"),
     Column("periodic_overall_xy", "Pa", "stress, compression positive"),
 )
 DERIVED = (Column("shear_stress", "Pa", "-periodic_overall_xy"),)

@@ -14,6 +14,7 @@ from scipy import stats
 
 from shear_sim import aggregate as module
 from shear_sim.aggregate import aggregate, load
+from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
 from shear_sim.study import load_study
@@ -140,11 +141,24 @@ def test_parquet_carries_units_and_reads_back(whole, tables):
     schema = pq.read_schema(whole.tables / "moduli.parquet")
     assert schema.field("storage_modulus_mean").metadata[b"unit"] == b"Pa"
     assert schema.field("model.modulus").metadata == {b"unit": b"Pa", b"description": b"G [Pa]"}
-    assert schema.field("shear.strain_amplitude").metadata[b"unit"] == b"-"
+    assert schema.field("shear.strain_amplitude").metadata[b"unit"] == b"1"
     for name, table in tables.items():
         again = load(whole.tables / f"{name}.parquet")
         pd.testing.assert_frame_equal(again, table, check_dtype=False)
         assert again.attrs["units"] == table.attrs["units"]
+
+
+def test_numbers_have_a_unit_and_words_have_none(tables):
+    for table in tables.values():
+        for name, unit in table.attrs["units"].items():
+            assert (unit != "") == (table[name].dtype.kind in "iuf"), name
+            assert unit != "-"
+
+
+def test_parameters_that_are_numbers_have_the_unit_1():
+    keys = ("contact_law.begin", "contact_law.kind", "links.cuts", "young_modulus")
+    units = [module.describe_parameter([MicrogelPoint], f"model.{key}").unit for key in keys]
+    assert units == ["1", "", "1", "Pa"]
 
 
 def test_csv_names_carry_units(whole, tables):
@@ -311,3 +325,21 @@ def test_steady_shear_has_its_own_table():
 
 
 assert kelvin_voigt.PHYSICS_VERSION == 1  # its import makes the model known
+
+
+def test_every_point_of_a_random_design_is_named_on_the_screen(tmp_path):
+    results = make(
+        tmp_path,
+        """
+model: {kind: kelvin_voigt}
+sweep:
+  sobol:
+    points: 4
+    ranges:
+      shear.strain_amplitude: {from: 0.01, to: 1, scale: log}
+      model.modulus: {from: 50, to: 500}
+""",
+    )
+    file = io.StringIO()
+    print_summary(aggregate(results.folder, figures=False), Console(file=file))
+    assert len(re.findall(r"^modulus \d", file.getvalue(), re.MULTILINE)) == 4

@@ -168,7 +168,7 @@ def test_a_repeat_that_differs_says_where(swept, tmp_path):
     job = min(results.finished())
     columns, summary = read_table(results.job_file(job))
     columns = {**columns, "strain": columns["strain"] * (1 + 1e-15)}
-    fields = [(name, "-", "") for name in columns]
+    fields = [(name, "1", "") for name in columns]
     write_table(tmp_path / f"{job}.parquet", columns, fields, summary)
     code, output = run(env, "run", tmp_path / f"{job}.parquet", "--results", tmp_path)
     assert code == 1

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from shear_sim.figures import branches, curves, draw, example_run
 from shear_sim.variation import variation
@@ -224,6 +225,27 @@ def test_example_run_with_the_ellipse_of_its_moduli():
     assert last.get_ydata() == pytest.approx(1000 * last.get_xdata(), abs=1e-9)
     assert len(last.get_xdata()) == 201
     assert ellipse.get_ydata() == pytest.approx(1000 * ellipse.get_xdata(), abs=1e-9)
+
+
+def test_a_long_title_stays_on_the_page():
+    title = "job 0123456789abcdef: crosslinked, " + ", ".join(["packing fraction 1.23456"] * 12)
+    figure = example_run(*oscillation(), None, title)
+    FigureCanvasAgg(figure).draw()
+    box = figure._suptitle.get_window_extent()
+    assert " ".join(figure._suptitle.get_text().split()) == title
+    assert box.x0 > 0
+    assert box.x1 < figure.bbox.width
+
+
+def test_a_point_with_values_of_its_own_is_drawn_without_a_complaint(caplog):
+    """Matplotlib takes one colour of three or four numbers for a list of values, and says so."""
+    rng = np.random.default_rng(2)
+    keys = ("shear.strain_amplitude", "model.friction", "model.young_modulus")
+    table = points([dict(zip(keys, rng.uniform(0.1, 1, 3), strict=True)) for _ in range(8)])
+    assert variation(table).reference == {"gel": {}}
+    branches(table, QUANTITIES)
+    curves(table, QUANTITIES)
+    assert caplog.records == []
 
 
 def test_example_of_a_steady_shear():

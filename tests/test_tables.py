@@ -15,7 +15,7 @@ from shear_sim import tables
 FIELDS = [
     ("time", "s", "time from the start"),
     ("stress", "Pa", "shear stress"),
-    ("z", "-", "not recorded"),
+    ("z", "1", "not recorded"),
 ]
 SUMMARY = {"job": {"id": "ab"}, "moduli": {"storage": 0.1 + 0.2, "loss": None}, "n": [1, 2]}
 

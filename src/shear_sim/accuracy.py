@@ -55,46 +55,46 @@ Say = Callable[[str], None]
 _IDENTITY = (
     Column("job", "", "id of the job; the runs of the report are not its result"),
     Column("scene", "", "scene(s) of the study"),
-    Column("replicate", "-", "number of the packing"),
+    Column("replicate", "1", "number of the packing"),
 )
 _RUN = (
     Column("scheme", "", "integrator"),
-    Column("steps_per_period", "-", "whole steps per period T"),
-    Column("factor", "-", "steps per period / those of the job; the limits of substeps go with it"),
+    Column("steps_per_period", "1", "whole steps per period T"),
+    Column("factor", "1", "steps per period / those of the job; the limits of substeps go with it"),
     Column("own", "", "the job's own integrator and steps"),
-    Column("substeps_per_step", "-", "mean number of pieces that a whole step is cut into"),
+    Column("substeps_per_step", "1", "mean number of pieces that a whole step is cut into"),
     Column("cpu_per_step", "µs", "CPU time of a substep, records included"),
     Column("cpu_per_period", "s", "CPU time of a period T, records included"),
-    Column("magnitude_error", "-", "| |G*| / reference - 1 |"),
-    Column("storage_error", "-", "|G' / reference - 1|"),
-    Column("loss_error", "-", "|G'' / reference - 1|"),
-    Column("stress_error", "-", "RMS error of the stress over the fitted periods / amplitude"),
-    Column("position_error", "-", "RMS error of the final positions, in mean radii"),
-    Column("energy_residual", "-", "largest error of the energy balance / energy lost"),
+    Column("magnitude_error", "1", "| |G*| / reference - 1 |"),
+    Column("storage_error", "1", "|G' / reference - 1|"),
+    Column("loss_error", "1", "|G'' / reference - 1|"),
+    Column("stress_error", "1", "RMS error of the stress over the fitted periods / amplitude"),
+    Column("position_error", "1", "RMS error of the final positions, in mean radii"),
+    Column("energy_residual", "1", "largest error of the energy balance / energy lost"),
     Column("failed", "", "why the run has no result"),
 )
 _VERDICT = (
     Column("verdict", "", "convergent, chaotic or uneven; see shear_sim.accuracy"),
-    Column("halved_error", "-", "stress error with all steps halved / stress error"),
-    Column("step_error", "-", "error of the positions early in the shear, in mean radii"),
-    Column("twins_round_off", "-", f"final / initial distance of twins {TWIN:g} radii apart"),
-    Column("twins_step_error", "-", "final / initial distance of twins step_error apart"),
+    Column("halved_error", "1", "stress error with all steps halved / stress error"),
+    Column("step_error", "1", "error of the positions early in the shear, in mean radii"),
+    Column("twins_round_off", "1", f"final / initial distance of twins {TWIN:g} radii apart"),
+    Column("twins_step_error", "1", "final / initial distance of twins step_error apart"),
 )
 _PAIRS = (
     Column("verdict", "", "why the point is judged by its mean"),
-    Column("packings", "-", "pairs of runs that have a result"),
-    Column("failed", "-", "pairs that have none"),
+    Column("packings", "1", "pairs of runs that have a result"),
+    Column("failed", "1", "pairs that have none"),
     *(
         column
         for name, symbol in (("magnitude", "|G*|"), ("loss", "G''"))
         for column in (
             Column(
                 f"{name}_difference_mean",
-                "-",
+                "1",
                 f"mean of {symbol} minus that of its pair with finer steps / mean of the latter",
             ),
-            Column(f"{name}_difference_ci_low", "-", f"{LEVEL:.0%} interval of it"),
-            Column(f"{name}_difference_ci_high", "-", f"{LEVEL:.0%} interval of it"),
+            Column(f"{name}_difference_ci_low", "1", f"{LEVEL:.0%} interval of it"),
+            Column(f"{name}_difference_ci_high", "1", f"{LEVEL:.0%} interval of it"),
         )
     ),
     Column("ci_method", "", "how the intervals were made"),

@@ -46,7 +46,7 @@ _MODULI = tuple(
         ("storage_modulus", "Pa", "G'"),
         ("loss_modulus", "Pa", "G''"),
         ("complex_modulus", "Pa", "|G*| = sqrt(G'^2 + G''^2)"),
-        ("tan_delta", "-", "G''/G'"),
+        ("tan_delta", "1", "G''/G'"),
     )
 )
 # Each with its key in the index of the results.
@@ -58,15 +58,15 @@ _OSCILLATORY = (
     (Column("drift", "Pa/s", "linear part of the stress fit"), "moduli.periodic.drift"),
     (Column("residual_stress", "Pa", "root mean square beside it"), "moduli.periodic.residual"),
     (
-        Column("baseline_noise", "-", "peak-to-peak stress at rest / stress amplitude"),
+        Column("baseline_noise", "1", "peak-to-peak stress at rest / stress amplitude"),
         "quality.baseline_noise",
     ),
     (
-        Column("surface_internal_ratio", "-", "|G*| of the external / of the internal tensor"),
+        Column("surface_internal_ratio", "1", "|G*| of the external / of the internal tensor"),
         "quality.surface_internal_ratio",
     ),
     (
-        Column("cycle_change", "-", "relative change of |G*| between the last two periods"),
+        Column("cycle_change", "1", "relative change of |G*| between the last two periods"),
         "quality.cycle_change",
     ),
     (Column("baseline_noisy", "", "baseline_noise over 10 %"), "flags.baseline_noisy"),
@@ -89,7 +89,7 @@ _STEADY = (
         "steady.viscosity_error",
     ),
     (Column("pressure", "Pa", "mean over the late half of the strain"), "steady.pressure"),
-    (Column("stress_ratio", "-", "|shear stress| / pressure"), "steady.stress_ratio"),
+    (Column("stress_ratio", "1", "|shear stress| / pressure"), "steady.stress_ratio"),
     (Column("not_at_rest", "", "the packing moved when its rest began"), "flags.not_at_rest"),
     (Column("no_steady", "", "why nothing could be averaged"), "flags.no_steady"),
 )
@@ -267,7 +267,7 @@ def runs_table(
         Column("job", "", "name of the run's file in jobs/"),
         *_LABELS,
         *parameters,
-        Column("replicate", "", "number of the replicate, from 0"),
+        Column("replicate", "1", "number of the replicate, from 0"),
         *[_UNITS[name] for name in data if name != "flagged"],
         _FLAGGED,
     ]
@@ -347,13 +347,13 @@ def points_table(
     columns = [
         *_LABELS,
         *parameters,
-        Column("replicates", "", "finished runs"),
-        Column("planned", "", "runs of the plan"),
-        Column("failed", "", "runs that failed"),
-        Column("flagged", "", "finished runs outside a quality limit; they are counted in"),
+        Column("replicates", "1", "finished runs"),
+        Column("planned", "1", "runs of the plan"),
+        Column("failed", "1", "runs that failed"),
+        Column("flagged", "1", "finished runs outside a quality limit; they are counted in"),
         *[column for name in quantities for column in _statistics_of(_UNITS[name])],
-        Column("ci_level", "-", "confidence level of the intervals"),
-        Column("ci_seed", "", "seed of their bootstrap"),
+        Column("ci_level", "1", "confidence level of the intervals"),
+        Column("ci_seed", "1", "seed of their bootstrap"),
     ]
     data = {key: [row[key] for row in rows] for key in rows[0]}
     return _table(points.reset_index(drop=True).assign(**data), columns, [], parameters)
@@ -368,18 +368,24 @@ def _statistics_of(quantity: Column) -> list[Column]:
         Column(f"{name}_ci_high", unit, "upper bound of the interval of the mean"),
         Column(f"{name}_ci_method", "", "BCa, percentile, t, t_log (geometric mean), equal, none"),
         Column(f"{name}_ci_flag", "", "what weakens the interval"),
-        Column(f"{name}_n", "", "runs that have a value"),
+        Column(f"{name}_n", "1", "runs that have a value"),
     ]
 
 
 def describe_parameter(sections: Sequence[Any], key: str) -> Column:
-    """Return a parameter as a column: unit (in brackets there) and words from its schema."""
+    """Return a parameter as a column: unit (in brackets there) and words from its schema.
+
+    The unit of plain numbers is 1, that of words is empty.
+    """
     for name in key.split("."):
         fields = [s.model_fields[name] for s in sections if name in s.model_fields]
         options = [o for f in fields for o in (f.annotation, *get_args(f.annotation))]
         sections = [option for option in options if hasattr(option, "model_fields")]
         text = (fields[0].description if fields else None) or ""
-    return Column(key, text.partition("[")[2].partition("]")[0], text)
+    unit = text.partition("[")[2].partition("]")[0]
+    if unit in {"", "-"}:
+        unit = "1" if any(option in {int, float} for option in options) else ""
+    return Column(key, unit, text)
 
 
 def _table(
@@ -429,7 +435,7 @@ def save(table: "pd.DataFrame", stem: Path) -> None:
 
 def _with_unit(name: str, unit: str) -> str:
     spelled = unit.replace("1/", "per_").replace("/", "_per_").replace(" ", "_")
-    return name if unit in {"", "-"} else f"{name}_{spelled}"
+    return name if unit in {"", "1"} else f"{name}_{spelled}"
 
 
 def load(path: Path) -> "pd.DataFrame":

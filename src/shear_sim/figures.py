@@ -10,6 +10,7 @@ panel, and the figure counts them; an interval that reaches zero is cut at the f
 """
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 300
+
+_NOWHERE = object()  # the reference of a parameter that has none: no point stands there
 
 WIDTH = 7.2  # inches: two columns of a journal
 STYLE: dict[Any, Any] = {
@@ -164,7 +167,7 @@ def _at_reference(table: "pd.DataFrame", plan: Variation, keys: Sequence[str]) -
     keep = np.ones(len(table), dtype=bool)
     for key in keys:
         wanted = table["scene"].map(
-            {scene: values[key] for scene, values in plan.reference.items()}
+            {scene: values.get(key, _NOWHERE) for scene, values in plan.reference.items()}
         )
         keep &= ((table[key] == wanted) | (table[key].isna() & wanted.isna())).to_numpy(dtype=bool)
     return table[keep]
@@ -346,7 +349,7 @@ def _line(
     if not look.joined:
         seen = np.ones(len(mean), dtype=bool) if foot is None else mean > 0
         colours = colour if look.bar is None else colour[seen]
-        axis.scatter(at[seen], mean[seen], c=colours, s=12, marker=marker, linewidths=0)
+        axis.scatter(at[seen], mean[seen], color=colours, s=12, marker=marker, linewidths=0)
         axis.vlines(at, low, high, color=colour, alpha=0.4, linewidth=1)
     else:
         shown = mean if foot is None else np.where(mean > 0, mean, np.nan)
@@ -456,7 +459,7 @@ def _label(points: "pd.DataFrame", name: str) -> str:
     units = points.attrs.get("units", {})
     unit = units.get(name, units.get(f"{name}_mean", ""))
     words = _SYMBOLS.get(name, short_name(name))
-    return f"{words} [{unit}]" if unit and unit != "-" else words
+    return f"{words} [{unit}]" if unit and unit != "1" else words
 
 
 def _words(name: str) -> str:
@@ -537,5 +540,5 @@ def example_run(
                           frameon=False)  # fmt: skip
         loops.set_xlabel(r"strain $\gamma$")
         loops.set_ylabel(r"shear stress $\tau$ [Pa]")
-        figure.suptitle(title, fontsize=8)
+        figure.suptitle(textwrap.fill(title, 110), fontsize=8)
     return figure

@@ -85,7 +85,11 @@ def _grid(points: "pd.DataFrame", name: str, *, plain: bool) -> Any:
 def _differences(row: Any, plan: Variation) -> list[str]:
     """Return the keys, other than the axes, in which a point is off its scene's reference."""
     reference = plan.reference[row["scene"]]
-    return [key for key in plan.branches if _value(row[key]) != _value(reference[key])]
+    return [
+        key
+        for key in plan.branches
+        if key not in reference or _value(row[key]) != _value(reference[key])
+    ]
 
 
 def _difference(row: Any, plan: Variation) -> str:

@@ -16,7 +16,8 @@ class Variation:
 
     ``x`` is the parameter on the axis, ``colour`` the one told by colour, ``branches`` all others
     that vary within a scene; None or empty where nothing is left. ``reference`` holds, for each
-    scene, the value of each parameter at which the others are varied: its most frequent one.
+    scene, the value of each parameter at which the others are varied: its most frequent one. A
+    parameter that never has a value twice (in a random design) has no reference.
     """
 
     x: str | None
@@ -46,7 +47,7 @@ def variation(points: "pd.DataFrame") -> Variation:
     crossed = [key for key in others if x is not None and _is_crossed(table, x, key)]
     colour = FRICTION if FRICTION in crossed else next(iter(crossed), None)
     reference = {
-        str(scene): {key: _most_frequent(part[key]) for key in free}
+        str(scene): {key: _most_frequent(part[key]) for key in free if _is_repeated(part[key])}
         for scene, part in table.groupby("scene")
     }
     return Variation(x, colour, tuple(key for key in others if key != colour), reference)
@@ -66,6 +67,10 @@ def _independent(table: "pd.DataFrame", keys: Sequence[str]) -> list[str]:
         if not any(follows(key, other) for other in others):
             kept.append(key)
     return [key for key in keys if key in kept]
+
+
+def _is_repeated(values: "pd.Series[Any]") -> bool:
+    return bool(values.nunique(dropna=False) == 1 or values.duplicated().any())
 
 
 def _most_frequent(values: "pd.Series[Any]") -> Any:

@@ -199,3 +199,12 @@ def test_a_packing_that_moves_is_not_at_rest():
         assert report["settling_steps"] > 0
         assert report["at_rest"]
         assert report["kinetic_energy"] <= point.packing.equilibration.energy_tolerance
+
+
+def test_a_law_that_does_not_work_fails_its_own_jobs_only():
+    """The kernels of the others are compiled all the same."""
+    broken = CustomLaw(kind="custom", source="def contact_force(a, b, c, d):\n    return open(a)\n")
+    points = [packing_point(discs=20, contact_law=broken), packing_point(discs=20)]
+    simulation_module.compile_kernels(points)
+    with pytest.raises(SimulationError, match=r"contact law .*: line 2: cannot be compiled"):
+        prepared(points[0])

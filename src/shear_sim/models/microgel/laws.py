@@ -73,14 +73,25 @@ BUILT_IN: dict[str, Law] = {
 }
 
 
-def law_of(section: "ContactLaw") -> tuple[Law, LawParameters]:
-    """Return the force function of a study's contact law and its parameters."""
-    p = (
+def law_parameters(section: "ContactLaw") -> LawParameters:
+    """Return (repulsion, begin, end, slope) of a study's contact law [-]."""
+    return (
         0.0 if section.kind == "linear" else float(getattr(section, "repulsion", 1.0)),
         float(getattr(section, "begin", 1.0)),
         float(getattr(section, "end", 1.0)),
         float(getattr(section, "slope", 1.0)),
     )
+
+
+def law_of(section: "ContactLaw") -> tuple[Law, LawParameters]:
+    """Return the force function of a study's contact law and its parameters.
+
+    Raises
+    ------
+    ValueError
+        If a user's law does not work, see `custom`.
+    """
+    p = law_parameters(section)
     if section.kind == "custom":
         if section.source is None:
             msg = "the custom contact law has no source: read the study with load_study"

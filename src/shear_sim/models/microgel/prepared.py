@@ -5,10 +5,10 @@ from typing import Any, TypeVar, get_args
 
 import numpy as np
 
-from shear_sim.models.microgel import laws
 from shear_sim.models.microgel.parameters import Integrator, MicrogelPoint
 from shear_sim.models.microgel.simulation import (
     MicrogelSimulation,
+    contact_law,
     kernels_for,
     make_clock,
     make_start,
@@ -85,7 +85,7 @@ class PreparedMicrogel:
             free = discs.plate == 0
             for position, direction in zip((discs.x, discs.y), self._directions, strict=True):
                 position[free] += displacement * self.mean_radius * direction[free]
-        law, _ = laws.law_of(point.model.contact_law)
+        law = contact_law(point.model)
         kernels = kernels_for(law, needs_tangential(point.model), energy)
         return MicrogelSimulation(
             point, kernels, discs, pairs, self._start.n_links,

@@ -154,7 +154,7 @@ def make_constants(
 
     contact = springs(model.contacts.normal_factor, model.contacts.tangential_factor)
     link = springs(model.links.normal_factor, model.links.tangential_factor)
-    _, p = laws.law_of(model.contact_law)
+    p = laws.law_parameters(model.contact_law)
     damping = -math.log(model.damping.decay) / period
     # Longest substeps, for six contacts on the lightest discs: springs vibrate at up to
     # √(2 k/m) (one contact), rolling at √(24 k_T/m) as r²/I = 2/m; predicted velocities are stable
@@ -351,7 +351,7 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     """Prepare the simulation of a point, see :func:`make_start`."""
     start = make_start(point, streams)
     kernels = kernels_for(
-        laws.law_of(point.model.contact_law)[0], needs_tangential(point.model), point.record.energy
+        contact_law(point.model), needs_tangential(point.model), point.record.energy
     )
     clock = make_clock(point.shear, start.period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(
@@ -367,7 +367,7 @@ def make_start(point: MicrogelPoint, streams: Streams) -> Start:
     _, tau = time_scale(model, discs.mass)
     period = tau / point.shear.relative_frequency
     constants = make_constants(point, discs, width, height, period)
-    law = _law(model)
+    law = contact_law(model)
 
     preparation = _relax(point, law, discs, constants)
     if model.links.cut not in ("none", "file"):
@@ -383,7 +383,7 @@ def make_start(point: MicrogelPoint, streams: Streams) -> Start:
     return Start(discs, pairs, n_links, constants, period, preparation)
 
 
-def _law(model: Microgel) -> laws.Law:
+def contact_law(model: Microgel) -> laws.Law:
     """Return the contact law of a study; a user's law that does not work fails its jobs only."""
     try:
         return laws.law_of(model.contact_law)[0]

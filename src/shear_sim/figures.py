@@ -46,6 +46,7 @@ _MARKERS = "osD^vPX<>ph*"
 # Okabe & Ito: told apart with any colour vision. For values without an order.
 _UNORDERED = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _WIDE = 8  # largest / smallest value from which an axis of a parameter is logarithmic
+_FEW = 5  # values of a logarithmic axis that are labelled themselves
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
 _SYMBOLS = {
     AMPLITUDE: "strain amplitude $\\gamma_0$",
@@ -382,12 +383,20 @@ def _scale_x(axis: "Axes", values: "pd.Series[Any]") -> dict[Any, int] | None:
         axis.set_xticks(range(len(names)), [_value(name) for name in names])
         axis.set_xlim(-0.5, len(names) - 0.5)
         return {name: place for place, name in enumerate(names)}
+    from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
+
     positive = values[values > 0]
     wide = len(positive) > 0 and positive.max() / positive.min() >= _WIDE
     wide = wide or values.name == AMPLITUDE
     if wide and len(positive) == len(values):
         axis.set_xscale("log")
-        _log_ticks(axis.xaxis, float(values.min()), float(values.max()))
+        few = sorted(values.unique())
+        if len(few) <= _FEW:  # label the values themselves
+            axis.xaxis.set_major_locator(FixedLocator(few))
+            axis.xaxis.set_major_formatter(FixedFormatter([_value(v) for v in few]))
+            axis.xaxis.set_minor_formatter(NullFormatter())
+        else:
+            _log_ticks(axis.xaxis, float(values.min()), float(values.max()))
     elif wide and (values >= 0).all():
         axis.set_xscale("symlog", linthresh=float(positive.min()))
     return None

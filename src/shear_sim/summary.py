@@ -100,7 +100,7 @@ def _rank(row: Any, plan: Variation) -> tuple[Any, ...]:
 def _value(value: Any) -> str:
     if value is None or value != value:  # nan
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _estimate(row: Any, quantity: str) -> str:

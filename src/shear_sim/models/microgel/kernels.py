@@ -65,16 +65,21 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 @jit
 def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
-    """Return the elastic energy ∫_d^D −law dr of a contact [J/m], by quadrature between kinks."""
+    """Return the elastic energy ∫_d^D −law dr of a contact [J/m].
+
+    Quadrature between kinks, and between distances that halve: the divergent law is steep there.
+    """
     total = 0.0
     upper = D
     for kink in (p[2] * D, p[1] * D, 0.0):
         lower = min(max(kink, d), upper)
-        half = 0.5 * (upper - lower)
-        for n in range(NODES.shape[0]):
-            r = lower + half * (1.0 + NODES[n])
-            total -= WEIGHTS[n] * half * law(r, D, k, p)
-        upper = lower
+        while upper > lower:
+            between = max(lower, 0.5 * upper) if upper > 1e-4 * D else lower
+            half = 0.5 * (upper - between)
+            for n in range(NODES.shape[0]):
+                r = between + half * (1.0 + NODES[n])
+                total -= WEIGHTS[n] * half * law(r, D, k, p)
+            upper = between
     return total
 
 
@@ -110,6 +115,7 @@ def contact_forces(
         torque[a] = 0.0
     closest_d2, closest_D2 = 1.0, 1.0
     longest2 = 1.0
+    closing = 0.0
     touching_pairs = 0
     sliding_pairs = 0
     if record:
@@ -164,6 +170,8 @@ def contact_forces(
         vx = px[j] - px[i] + rate * dy
         vy = py[j] - py[i]
         vn = vx * ex + vy * ey
+        if touching:
+            closing = max(closing, -vn * inverse)
         normal = elastic + eta * vn
         if not (constants.may_pull or link):
             normal = min(normal, 0.0)
@@ -283,6 +291,7 @@ def contact_forces(
     work.closest[0] = closest_d2
     work.closest[1] = closest_D2
     work.closest[2] = longest2
+    work.closest[3] = closing
     if record:
         t = work.tensors
         t[0], t[1], t[2], t[3], t[4] = pxx, pxy, pyx, pyy, pt
@@ -407,7 +416,19 @@ def substep(constants: Constants, work: Work, rate: float) -> float:
     h = min(h, constants.step_rolling / np.sqrt(longest2), constants.step_dashpot / longest2)
     if rate != 0.0:
         h = min(h, constants.step_strain / abs(rate))
+    # A contact that closes fast is soon far stiffer: it may lose a fifth of its length.
+    if work.closest[3] > 0.0:
+        h = min(h, 0.2 / work.closest[3])
     return float(h)
+
+
+@jit
+def crossing_time(discs: Discs) -> float:
+    """Return the time [s] in which the two fastest discs could approach by half a small radius."""
+    fastest2 = 1e-300
+    for a in range(discs.x.shape[0]):
+        fastest2 = max(fastest2, discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a])
+    return float(0.25 * discs.radius.min() / np.sqrt(fastest2))
 
 
 @jit
@@ -429,7 +450,8 @@ def run(
 
     Velocity Verlet in which dashpots see velocities predicted for the end of the step: second
     order also with velocity-dependent forces. ``euler``: the semi-implicit Euler of the historical
-    program, first order. A step is halved until contacts, dashpots and flow are resolved.
+    program, first order. A step is halved, more than once if need be, where contacts, dashpots and
+    the flow are not resolved.
 
     Returns
     -------
@@ -475,16 +497,20 @@ def run(
             accelerate(discs, work, constants, rate)
             if TALLY:
                 tally(discs, work, constants, rate, 0.0)
-        pieces = 1
-        longest = substep(constants, work, peak_rate(clock, now))
-        while clock.step > longest * pieces:
-            pieces *= 2
-            if pieces > MOST_PIECES:
-                return pairs, filled, substeps, TOO_STIFF
-        h = clock.step / pieces
         record = (k + 1) % clock.every == 0
-        for piece in range(pieces):
-            strain1, rate1 = strain_at(clock, now, k, (piece + 1) / pieces)
+        peak = peak_rate(clock, now)
+        at = 0
+        while at < MOST_PIECES:
+            longest = min(substep(constants, work, peak), crossing_time(discs))
+            part = MOST_PIECES
+            # Parts are halves of halves, and each begins at a multiple of itself.
+            while part > 1 and (clock.step * part > longest * MOST_PIECES or at % part != 0):
+                part //= 2
+            if clock.step * part > longest * MOST_PIECES:
+                return pairs, filled, substeps, TOO_STIFF
+            h = clock.step * part / MOST_PIECES
+            at += part
+            strain1, rate1 = strain_at(clock, now, k, at / MOST_PIECES)
             change = strain1 - strain
             kick_rate = 0.5 * (rate1 - rate)
             if not constants.affine:
@@ -520,7 +546,7 @@ def run(
                 if np.isnan(way):
                     return pairs, filled, substeps, NOT_FINITE
                 pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
-            recording = TALLY or (record and piece == pieces - 1)
+            recording = TALLY or (record and at == MOST_PIECES)
             contact_forces(
                 discs, work, pairs, n_links, constants, strain, rate, h, recording,
             )  # fmt: skip

@@ -115,7 +115,7 @@ def make_work(n: int) -> Work:
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
         strain0=np.zeros(1), turns=np.zeros(1, np.int32),
-        closest=np.ones(3), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+        closest=np.ones(4), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
         stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),
     )  # fmt: skip
 

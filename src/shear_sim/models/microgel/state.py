@@ -61,7 +61,7 @@ class Work(NamedTuple):
     wy: Ints
     strain0: Floats  # (1,) strain when the neighbour list was made
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
-    closest: Floats  # (3,) d² and D² of the most compressed pair, largest (d/D)² of a link
+    closest: Floats  # (4,) d², D² of the closest pair, largest (d/D)² of a link, −d'/d of contacts
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
     stored: Floats  # (1,) elastic energy [J/m]

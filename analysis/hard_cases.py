@@ -1,0 +1,381 @@
+"""Hard cases of the microgel model: what must hold, what was found, and at what cost.
+
+.venv/bin/python analysis/hard_cases.py [NAME ...]
+
+Prints one row of a markdown table for each case. What must hold in each: every record is finite,
+or the run stops or is refused with a reason; the energy put in is stored or lost; the periodic
+stress tensor is symmetric to 1e-13 of Σ|F||l|/V; momentum is conserved to round-off. Discs that
+pass through each other are counted: touching discs whose contact turned by more than a right angle
+between two records. Under the divergent law none does in the published range; to pass, two discs
+must meet with more than 6 k D², the height of the clamped law.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import SimulationError
+from shear_sim.models.microgel import start
+from shear_sim.models.microgel.motion import segment, strain_at
+from shear_sim.models.microgel.parameters import MicrogelPoint
+from shear_sim.models.microgel.simulation import MicrogelSimulation
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
+SYMMETRY, MOMENTUM = 1e-13, 1e-10
+
+
+@dataclass(frozen=True)
+class Case:
+    """One hard case.
+
+    Attributes
+    ----------
+    sections : dict
+        Sections of the point as in a study file; the rest is default.
+    energy : float
+        Limit of the residual of the energy balance, relative to all that was put in or lost.
+    passing : int | None
+        Most pairs of discs that may pass through each other; None: any number.
+    refused : str
+        What the reason must say if the case is to be refused or stopped; empty: it must run.
+    discs : callable
+        Arrays of a start file, if any.
+    """
+
+    sections: dict[str, Any]
+    energy: float = 0.01
+    passing: int | None = 0
+    refused: str = ""
+    discs: Callable[[], dict[str, Any]] | None = None
+
+
+@dataclass
+class Found:
+    """What a case gave: errors relative to their own scales, or the reason why it did not run."""
+
+    reason: str = ""
+    finite: bool = False
+    energy: float = np.nan
+    asymmetry: float = np.nan
+    momentum: float = np.nan
+    passing: int = 0
+    closest: float = np.nan
+    substeps: float = np.nan
+    seconds: float = np.nan
+    steps: int = 0  # per period
+
+
+def crosslinked(**sections: Any) -> dict[str, Any]:
+    """Return the sections of the default model, crosslinked particles."""
+    return sections
+
+
+def loose(friction: float = 0.01, **sections: Any) -> dict[str, Any]:
+    """Return the sections of loose discs."""
+    return {"model": {"links": {"cut": "none"}, "friction": friction}, **sections}
+
+
+def amplitude(value: float, **more: float) -> dict[str, Any]:
+    """Return oscillatory shear of this amplitude."""
+    return {"strain_amplitude": value, **more}
+
+
+REST = {"max_steps": 0}
+STILL = {"strain_amplitude": 1e-9, "pre_periods": 1, "periods": 0.5, "post_periods": 0}
+
+
+def head_on(energy: float) -> Callable[[], dict[str, Any]]:
+    """Return two discs of 20 µm that meet with a kinetic energy of ``energy`` k D² (E = 8 kPa)."""
+
+    def discs() -> dict[str, Any]:
+        k, radius, density = np.pi * 8000 / 8, 10e-6, 1000.0
+        mass = np.pi * density * radius**2
+        speed = np.sqrt(energy * k * (2 * radius) ** 2 / mass)  # Σ m v²/2 of both
+        x = 250e-6 + np.array([-1.1, 1.1]) * radius
+        y = 250e-6 + np.array([0.0, 1e-4]) * radius
+        return {"x": x, "y": y, "radius": [radius] * 2, "vx": [speed, -speed], "vy": [0, 0]}
+
+    return discs
+
+
+def doubled(distance: float) -> Callable[[], dict[str, Any]]:
+    """Return a loose square packing in which every disc has a twin ``distance`` radii away."""
+
+    def discs() -> dict[str, Any]:
+        radius = 20e-6
+        x, y = (g.ravel() for g in np.meshgrid(*[np.arange(8) * 62.5e-6 + 31e-6] * 2))
+        turn = np.arange(64.0)
+        twin = distance * radius
+        return {
+            "x": np.concatenate([x, x + twin * np.cos(turn)]),
+            "y": np.concatenate([y, y + twin * np.sin(turn)]),
+            "radius": np.full(128, radius),
+        }
+
+    return discs
+
+
+def stretched(cells: float) -> Callable[[], dict[str, Any]]:
+    """Return five discs in a closed chain through the cell's edges, links ``cells`` widths long.
+
+    The chain climbs by one cell height, so that shear stretches it; each link is in tension and
+    balances its neighbours.
+    """
+
+    def discs() -> dict[str, Any]:
+        width, n = 500e-6, 5
+        x = 50e-6 + cells * width * np.arange(n + 1)
+        y = 50e-6 + width / n * np.arange(n + 1)
+        image = np.array([np.floor(x / width), np.floor(y / width)])
+        return {
+            "x": (x - image[0] * width)[:n], "y": (y - image[1] * width)[:n],
+            "radius": np.full(n, 20e-6), "link_i": np.arange(n), "link_j": np.arange(1, n + 1) % n,
+            "link_nx": np.diff(image[0]), "link_ny": np.diff(image[1]), "link_spring": np.zeros(n),
+        }  # fmt: skip
+
+    return discs
+
+
+def snapping() -> dict[str, Any]:
+    """Return two linked discs a whole cell apart, let go: they meet with 60 kD², and pass."""
+    return {
+        "x": [100e-6, 101e-6], "y": [100e-6, 130e-6], "radius": [20e-6] * 2, "link_i": [0],
+        "link_j": [1], "link_nx": [1], "link_ny": [0], "link_spring": [0],
+    }  # fmt: skip
+
+
+def from_file(steps: int | None = None, links: str = "none", **more: Any) -> dict[str, Any]:
+    """Return the sections of a start file, run as it is unless ``more`` says otherwise."""
+    return {
+        "packing": {"start": "file", "equilibration": REST},
+        "model": {"links": {"cut": links}, "damping": {"decay": 1.0}},
+        "shear": STILL,
+        "integrator": {"steps_per_period": steps},
+    } | more
+
+
+JAMMING = {
+    f"φ = {phi:.2f}, μ = {mu:g}": Case(
+        loose(mu, packing={"packing_fraction": phi}, shear=amplitude(0.1)), energy=0.03
+    )
+    for phi in (0.80, 0.84, 0.86, 0.90)
+    for mu in (0.0, 1.0)
+}
+CASES = {
+    "A = 2, links, φ = 2": Case(
+        crosslinked(packing={"packing_fraction": 2.0}, shear=amplitude(2.0))
+    ),
+    "A = 2, loose, μ = 1": Case(loose(1.0, shear=amplitude(2.0))),
+    "A = 2, links, φ = 2, linear law": Case(
+        crosslinked(
+            packing={"packing_fraction": 2.0},
+            shear=amplitude(2.0),
+            model={"contact_law": {"kind": "linear"}},
+        ),
+        passing=None,
+    ),
+    "head-on, 3 kD²": Case(from_file(), energy=0.03, discs=head_on(3.0)),
+    "head-on, 5.5 kD² (clamp)": Case(from_file(), energy=0.3, discs=head_on(5.5)),
+    "the same, 2000 steps": Case(from_file(2000), energy=0.05, discs=head_on(5.5)),
+    "head-on, 20 kD² (through)": Case(
+        from_file(), energy=0.5, discs=head_on(20.0), passing=None
+    ),
+    "coincident starts": Case(
+        from_file(packing={"start": "file"}), discs=doubled(0.0), refused="in one place"
+    ),
+    "nearly coincident starts": Case(
+        from_file(packing={"start": "file"}, shear=amplitude(0.2)), energy=0.04, discs=doubled(1e-6)
+    ),
+    "links of 0.6 cells": Case(from_file(links="file", shear=amplitude(0.2)), discs=stretched(0.6)),
+    "links of 1.2 cells": Case(from_file(links="file", shear=amplitude(0.2)), discs=stretched(1.2)),
+    "a link of 1 cell, let go": Case(from_file(links="file"), discs=snapping, passing=None),
+    **JAMMING,
+    "A = 1e-4": Case(crosslinked(shear=amplitude(1e-4))),
+    "steady shear to 20": Case(
+        loose(0.3, shear={"kind": "steady", "relative_rate": 0.05, "strain": 20.0})
+    ),
+    "steady shear to 20, links": Case(
+        crosslinked(shear={"kind": "steady", "relative_rate": 0.05, "strain": 20.0})
+    ),
+    "μ = 0": Case(loose(0.0)),
+    "μ = 1e-5": Case(loose(1e-5)),
+    "μ = 10": Case(loose(10.0)),
+    "E = 1 Pa": Case(crosslinked(model={"young_modulus": 1.0})),
+    "E = 1 GPa": Case(crosslinked(model={"young_modulus": 1e9})),
+    "crystal": Case(
+        loose(
+            0.3,
+            packing={"start": "hexagonal", "size_ratio": 1.0, "discs": 140, "columns": 10,
+                     "packing_fraction": 1.2},
+        )
+    ),
+    "size ratio 1": Case(loose(0.3, packing={"size_ratio": 1.0})),
+    "size ratio 3": Case(loose(0.3, packing={"size_ratio": 3.0})),
+    "N = 4": Case(loose(packing={"discs": 4}), refused="could touch twice"),
+    "N = 4, φ = 0.5": Case(loose(packing={"discs": 4, "packing_fraction": 0.5})),
+    "relative viscosity 0.001": Case(crosslinked(model={"relative_viscosity": 0.001})),
+    "relative viscosity 10": Case(crosslinked(model={"relative_viscosity": 10.0})),
+    "relative frequency 0.001": Case(crosslinked(shear=amplitude(0.2, relative_frequency=0.001))),
+    "relative frequency 1": Case(crosslinked(shear=amplitude(0.2, relative_frequency=1.0))),
+    "cell 10 × longer than high": Case(
+        crosslinked(
+            packing={"discs": 400}, cell={"width": 1000e-6, "height": 100e-6},
+            model={"links": {"cuts": 60}},
+        )
+    ),
+}  # fmt: skip
+
+
+@contextmanager
+def point_of(case: Case, **changes: Any) -> Iterator[MicrogelPoint]:
+    """Give the validated point of a case; its start file exists meanwhile."""
+    sections = {name: dict(section) for name, section in case.sections.items()}
+    sections["record"] = {"energy": True}
+    for name, section in changes.items():
+        sections[name] = {**sections.get(name, {}), **section}
+    with tempfile.TemporaryDirectory() as folder:
+        if case.discs is not None:
+            path = Path(folder) / "start.npz"
+            np.savez(path, **{k: np.asarray(v, float) for k, v in case.discs().items()})
+            sections["packing"]["file"] = path
+        yield MicrogelPoint.model_validate(sections)
+
+
+class Passing:
+    """Counts pairs of discs that pass through each other, record by record."""
+
+    def __init__(self, n: int) -> None:
+        self.direction = np.zeros((n, n, 2))
+        self.seen = np.full((n, n), -1)
+        self.count = 0
+        self.closest = np.inf
+
+    def look(self, simulation: MicrogelSimulation) -> None:
+        """Compare the directions of all contacts with those of the last record."""
+        pairs, d, c = simulation.pairs, simulation.discs, simulation.constants
+        last = max((simulation.done - 1) * simulation.clock.every - 1, 0)
+        strain, _ = strain_at(simulation.clock, segment(simulation.clock, last), last, 1.0)
+        offset = strain * c.height - simulation.work.turns[0] * c.width
+        i, j = pairs.i, pairs.j
+        dx = d.x[j] - d.x[i] + pairs.nx * c.width + pairs.ny * offset
+        dy = d.y[j] - d.y[i] + pairs.ny * c.height
+        distance = np.hypot(dx, dy)
+        relative = distance / (d.radius[i] + d.radius[j])
+        touching = (relative < 1) & (distance > 0)
+        if not touching.any():
+            return
+        i, j, distance = i[touching], j[touching], distance[touching]
+        now = np.column_stack([dx[touching], dy[touching]]) / distance[:, None]
+        cosine = (now * self.direction[i, j]).sum(axis=1)
+        self.count += int(((cosine < 0) & (self.seen[i, j] == simulation.done - 1)).sum())
+        self.direction[i, j] = now
+        self.seen[i, j] = simulation.done
+        self.closest = min(self.closest, float(relative[touching].min()))
+
+
+def run(case: Case, **changes: Any) -> Found:
+    """Run a case (with ``changes`` to its sections) and return what was found."""
+    found = Found()
+    began = time.process_time()
+    try:
+        with point_of(case, **changes) as point:
+            simulation = start(point, Streams(0, 0))
+        assert isinstance(simulation, MicrogelSimulation)
+        passing = Passing(len(simulation.discs.x))
+        momentum = np.array([(simulation.discs.mass * c).sum() for c in simulation.discs[2:4]])
+        began = time.process_time()
+        while simulation.done < simulation.rows:
+            simulation.advance(1)
+            passing.look(simulation)
+    except pydantic.ValidationError as error:
+        found.reason = "; ".join(fault["msg"] for fault in error.errors())
+        return found
+    except SimulationError as error:
+        found.reason = str(error)
+        return found
+    found.steps = simulation.clock.per_period
+    found.seconds = time.process_time() - began
+    columns = simulation.columns()
+    found.finite = all(np.isfinite(values).all() for values in columns.values())
+    found.energy = energy_residual(columns)
+    checks = simulation.summary()["checks"]
+    found.asymmetry = checks["asymmetry_periodic"]
+    d = simulation.discs
+    change = np.hypot((d.mass * d.cx).sum() - momentum[0], (d.mass * d.cy).sum() - momentum[1])
+    c = simulation.constants
+    peculiar2 = (columns["peculiar_xx"] + columns["peculiar_yy"]).max() * c.width * c.height
+    flow = np.abs(columns["strain_rate"]).max() * c.height
+    scale = d.mass.sum() * flow + np.sqrt(peculiar2 * d.mass.sum())
+    found.momentum = float(change / scale)
+    found.passing, found.closest = passing.count, passing.closest
+    found.substeps = simulation.substeps / simulation.steps
+    return found
+
+
+def energy_residual(columns: dict[str, FloatArray]) -> float:
+    """Return the largest residual of the energy balance, relative to the energy that flows.
+
+    That is what was put in, what was lost or the change of the kinetic energy, if it is larger.
+    """
+    lost = sum(values for name, values in columns.items() if name.startswith("lost"))
+    held = columns["kinetic_energy"] + columns["elastic_energy"]
+    put_in = columns["energy_put_in"]
+    scale = max(np.abs(lost).max(), np.abs(put_in).max(), np.ptp(columns["kinetic_energy"]))
+    return float(np.abs(put_in - lost - (held - held[0])).max() / scale)
+
+
+def faults(case: Case, found: Found) -> list[str]:
+    """Return what does not hold."""
+    if case.refused:
+        return [] if case.refused in found.reason else [f"not refused: {found.reason}"]
+    if found.reason:
+        return [f"did not run: {found.reason}"]
+    wrong = []
+    if not found.finite:
+        wrong.append("not finite")
+    if not found.energy <= case.energy:
+        wrong.append(f"energy {found.energy:.1e} > {case.energy:g}")
+    if not found.asymmetry <= SYMMETRY:
+        wrong.append(f"asymmetry {found.asymmetry:.1e}")
+    if not found.momentum <= MOMENTUM:
+        wrong.append(f"momentum {found.momentum:.1e}")
+    if case.passing is not None and found.passing > case.passing:
+        wrong.append(f"{found.passing} passed through")
+    return wrong
+
+
+def main(names: list[str]) -> None:
+    """Print the table of the cases named, or of all."""
+    print(
+        "| case | energy residual | limit | with 4 × the steps | asymmetry | momentum "
+        "| passed through | closest d/D | substeps per step | CPU s | verdict |"
+    )
+    print("|" + " --- |" * 11)
+    for name in names or CASES:
+        case = CASES[name]
+        found = run(case)
+        verdict = "; ".join(faults(case, found)) or "holds"
+        if found.reason:
+            print(f"| {name} |" + " |" * 9 + f" {verdict}: {found.reason} |", flush=True)
+            continue
+        finer = run(case, integrator={"steps_per_period": 4 * found.steps}).energy
+        print(
+            f"| {name} | {found.energy:.1e} | {case.energy:g} | {finer:.1e} "
+            f"| {found.asymmetry:.1e} | {found.momentum:.1e} | {found.passing} "
+            f"| {found.closest:.3f} | {found.substeps:.3g} | {found.seconds:.2g} | {verdict} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

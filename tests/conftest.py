@@ -1,11 +1,22 @@
 """What several test files use."""
 
 import os
+import signal
 import sys
 import uuid
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# Tests that are started in the background, or under nohup, inherit signals that are ignored, and so
+# would the programs that they send signals to.
+for number, handler in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGHUP, signal.SIG_DFL),
+    (signal.SIGTERM, signal.SIG_DFL),
+):
+    if signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, handler)
 
 # A busy machine is no reason to fail.
 settings.register_profile(

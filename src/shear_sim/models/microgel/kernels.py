@@ -416,19 +416,23 @@ def substep(constants: Constants, work: Work, rate: float) -> float:
     h = min(h, constants.step_rolling / np.sqrt(longest2), constants.step_dashpot / longest2)
     if rate != 0.0:
         h = min(h, constants.step_strain / abs(rate))
-    # A contact that closes fast is soon far stiffer: it may lose a fifth of its length.
-    if work.closest[3] > 0.0:
-        h = min(h, 0.2 / work.closest[3])
     return float(h)
 
 
 @jit
-def crossing_time(discs: Discs) -> float:
-    """Return the time [s] in which the two fastest discs could approach by half a small radius."""
+def approach_time(discs: Discs, work: Work) -> float:
+    """Return how long [s] nobody comes so close that a contact is suddenly far stiffer.
+
+    The two fastest discs could approach by half a small radius, and a contact that closes lose a
+    fifth of its length.
+    """
     fastest2 = 1e-300
     for a in range(discs.x.shape[0]):
         fastest2 = max(fastest2, discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a])
-    return float(0.25 * discs.radius.min() / np.sqrt(fastest2))
+    time = 0.25 * discs.radius.min() / np.sqrt(fastest2)
+    if work.closest[3] > 0.0:
+        time = min(time, 0.2 / work.closest[3])
+    return float(time)
 
 
 @jit
@@ -501,12 +505,13 @@ def run(
         peak = peak_rate(clock, now)
         at = 0
         while at < MOST_PIECES:
-            longest = min(substep(constants, work, peak), crossing_time(discs))
+            resolved = substep(constants, work, peak)
+            longest = min(resolved, approach_time(discs, work))
             part = MOST_PIECES
             # Parts are halves of halves, and each begins at a multiple of itself.
             while part > 1 and (clock.step * part > longest * MOST_PIECES or at % part != 0):
                 part //= 2
-            if clock.step * part > longest * MOST_PIECES:
+            if clock.step > resolved * MOST_PIECES:
                 return pairs, filled, substeps, TOO_STIFF
             h = clock.step * part / MOST_PIECES
             at += part

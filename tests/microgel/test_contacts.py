@@ -17,7 +17,7 @@ from scenes import (
 
 from shear_sim.models.microgel import laws, motion
 from shear_sim.models.microgel.parameters import Damping, Links
-from shear_sim.models.microgel.state import OPEN, RESET, SLIDE, STICK
+from shear_sim.models.microgel.state import OPEN, SLIDE, SPRING, STICK, set_column
 from shear_sim.packing import Cell
 
 # A pair of unit discs at distance 1.6 along x; k = 1, so the elastic force is 0.4.
@@ -44,7 +44,7 @@ def drive(tangential_velocity, *, kt=KT, etat=0.0, friction=MU, **more):
         s.work.pspin[1] = -v / arm
         s.work.turn[1] = s.work.pspin[1] * h
         s.kernels.contact_forces(
-            s.discs, s.work, s.pairs, s.n_links, s.constants, 0.0, 0.0, h, True
+            s.discs, s.work, s.links, s.contacts, s.constants, 0.0, 0.0, h, True
         )
         force.append(s.work.fy[0])
         kind.append(s.pairs.state[0])
@@ -118,7 +118,7 @@ def test_reset_rule_slides_with_half_of_the_friction(ratio):
     measurement, with steps that are not small against the slip for large η v).
     """
     v = 0.05
-    force, _, h = drive(np.full(20_000, v), etat=ratio * CAP / v, sliding=RESET)
+    force, _, h = drive(np.full(20_000, v), etat=ratio * CAP / v, reset=True)
     assert KT * v * h < 0.01 * CAP  # many steps to a tooth
     assert force.max() <= CAP * (1 + 1e-12)
     expected = 0.5 * (CAP + ratio * CAP)
@@ -126,7 +126,7 @@ def test_reset_rule_slides_with_half_of_the_friction(ratio):
 
 
 def test_reset_rule_keeps_the_cap_when_the_dashpot_alone_exceeds_it():
-    force, kind, _ = drive(np.full(100, 0.05), etat=2 * CAP / 0.05, sliding=RESET)
+    force, kind, _ = drive(np.full(100, 0.05), etat=2 * CAP / 0.05, reset=True)
     assert force == pytest.approx(np.full(100, CAP))
     assert (kind == SLIDE).all()
 
@@ -136,12 +136,12 @@ def test_coulomb_cap_of_an_attractive_law_is_its_modulus():
 
     def pull(s, v):
         # The force law alone: stepping with it would be compiled for this one test.
-        s.pairs = motion.renew_pairs(s.discs, s.work, s.pairs, 0, s.constants, 0.0)
+        s.contacts = motion.renew_contacts(s.discs, s.work, s.links, s.contacts, s.constants, 0.0)
         evaluate(s)
         s.work.pspin[1] = -v / 0.8
         s.work.turn[1] = s.work.pspin[1] * 1.0
         s.kernels.contact_forces(
-            s.discs, s.work, s.pairs, s.n_links, s.constants, 0.0, 0.0, 1.0, True
+            s.discs, s.work, s.links, s.contacts, s.constants, 0.0, 0.0, 1.0, True
         )
         return s.work.fy[0], s.work.fx[0]
 
@@ -159,7 +159,7 @@ def test_coulomb_cap_of_an_attractive_law_is_its_modulus():
 def test_a_contact_that_opens_forgets():
     s = scene([(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, step=1.0, steps=1, skin=1.0)
     s.advance(1)
-    s.pairs.spring[0] = 0.05
+    set_column(s.contacts, SPRING, 0.05)
     s.discs.x[1] = 2.1
     assert (evaluate(s).force == 0).all()
     assert s.pairs.spring[0] == 0
@@ -201,7 +201,7 @@ def test_links_have_no_coulomb_cap():
         [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, links=[(0, 1)], step=1, steps=1
     )
     s.advance(1)
-    s.pairs.spring[0] = 50.0
+    set_column(s.links, SPRING, 50.0)
     assert evaluate(s).force[0, 1] == pytest.approx(KT * 50.0)
 
 
@@ -423,7 +423,7 @@ def test_cap_is_of_the_elastic_force_alone():
     )  # fmt: skip
     s.advance(1)
     s.work.turn[1] = -5.0
-    s.kernels.contact_forces(s.discs, s.work, s.pairs, 0, s.constants, 0.0, 0.0, 0.1, True)
+    s.kernels.contact_forces(s.discs, s.work, s.links, s.contacts, s.constants, 0.0, 0.0, 0.1, True)
     assert s.work.fx[0] == pytest.approx(-(K * OVERLAP + 0.3), rel=1e-12)
     assert s.work.fy[0] == pytest.approx(CAP, rel=1e-12)
 

@@ -100,7 +100,10 @@ def test_a_failing_job_does_not_touch_the_others(undisturbed, tmp_path, monkeypa
     assert {failure.kind for failure in by_fault["physics"]} == {"physics"}
     assert "the spring broke at t = 3 s" in by_fault["physics"][0].reason
     bug = by_fault["bug"][0]
-    assert (bug.kind, bug.reason) == ("error", "ZeroDivisionError: a bug in the model")
+    assert bug.kind == "error"
+    assert re.fullmatch(
+        r"ZeroDivisionError: a bug in the model \(kelvin_voigt.py, line \d+\)", bug.reason
+    )
     assert any("kelvin_voigt.py" in line for line in bug.traceback)
     assert {(f.kind, f.exit_code, f.signal) for f in by_fault["exit"]} == {("crash", 7, None)}
     assert {(f.kind, f.exit_code, f.signal) for f in by_fault["kill"]} == {

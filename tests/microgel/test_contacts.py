@@ -145,7 +145,10 @@ def test_coulomb_cap_of_an_attractive_law_is_its_modulus():
         )
         return s.work.fy[0], s.work.fx[0]
 
-    source = "def contact_force(d, D, k, repulsion):\n    return k * (D - d)\n"
+    source = (
+        "def contact_force(d, D, k, repulsion):\n"
+        "    return k * (D - d) * (1.0 if d > 0.5 * D else -1.0)\n"
+    )
     for v in (1.0, -1.0):
         s = scene(
             [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, step=1.0, steps=1,

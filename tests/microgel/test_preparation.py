@@ -222,6 +222,20 @@ def test_a_law_that_raises_fails_its_own_jobs_only():
     assert (where.filename, where.lineno) == (laws.LAW_FILE, 6)
 
 
+def test_compiling_never_waits_for_a_law_to_let_a_packing_rest(monkeypatch):
+    """The steps that compile a user's kernels are few, whatever the law does."""
+    limits = []
+
+    def note(point, _streams):
+        limits.append(point.packing.equilibration.max_steps)
+        raise SimulationError
+
+    monkeypatch.setattr(simulation_module, "prepare", note)
+    simulation_module.compile_kernels([packing_point(discs=20)])
+    assert len(limits) == 1
+    assert limits[0] <= 100
+
+
 def test_a_law_that_does_not_work_fails_its_own_jobs_only():
     """The kernels of the others are compiled all the same."""
     broken = CustomLaw(kind="custom", source="def contact_force(a, b, c, d):\n    return open(a)\n")

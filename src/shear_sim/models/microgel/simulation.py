@@ -38,7 +38,7 @@ from shear_sim.models.microgel.state import (
     Pairs,
     Work,
 )
-from shear_sim.packing import Packing, cell_height, start_discs
+from shear_sim.packing import Equilibration, Packing, cell_height, start_discs
 from shear_sim.protocol import OscillatoryShear, Shear
 from shear_sim.streams import Streams
 
@@ -533,7 +533,9 @@ def _settle(
 
 def compile_kernels(points: Sequence[MicrogelPoint]) -> None:
     """Compile every kernel that ``points`` need: a few steps of a small packing of each kind."""
-    small = Packing(discs=20, packing_fraction=1.0)
+    # A user's law may never let a packing come to rest.
+    rest = Equilibration(max_steps=50)
+    small = Packing(discs=20, packing_fraction=1.0, equilibration=rest)
     brief = OscillatoryShear(pre_periods=0, periods=0.02, post_periods=0)
     wanted = {}
     for p in points:

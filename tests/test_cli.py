@@ -130,6 +130,23 @@ def test_status_for_people_and_for_scripts(swept):
     assert status["cpu_s"] > 0
 
 
+def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "results/study")
+    shutil.copytree(folder / "results/study", results.folder)
+    for path in results.jobs.iterdir():
+        path.write_bytes(path.read_bytes()[:-5])
+    results.index_file.unlink(missing_ok=True)
+    study = (folder / "study.yaml", "--results", tmp_path / "results")
+    for command, code in (("plan", 0), ("sweep", 1), ("status", 0)):
+        ended, output = run(env, command, *study)
+        assert ended == code, output
+        assert "warning: 3 damaged result file(s) left out" in output
+        assert "delete them and run `shear-sim sweep` again" in output
+        assert "3 done" in output or "3 of 6 jobs done" in output
+    assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
+
+
 def test_show_a_result_and_a_failure(swept):
     folder, env, _ = swept
     results = Results(folder / "results/study")

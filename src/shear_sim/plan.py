@@ -218,8 +218,11 @@ def _measured(
     cpu_s, wall_s = Costs(), Costs()
     if not any_finished:
         return cpu_s, wall_s, None, None
+    index = results.index()
+    if not index.num_rows:  # all damaged
+        return cpu_s, wall_s, None, None
     names = ["job", "run.cpu_s", "run.wall_s", "bytes", "run.peak_memory_mb"]
-    rows = results.index().select(names).to_pydict()
+    rows = index.select(names).to_pydict()
     for job, cpu, wall in zip(rows["job"], rows["run.cpu_s"], rows["run.wall_s"], strict=True):
         if job in points:
             cpu_s.add(points[job], cpu)

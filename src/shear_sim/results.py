@@ -19,7 +19,7 @@ import json
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -180,10 +180,14 @@ class Results:
                 found[job] = read_failure(path)
         return found
 
-    def record_failure(self, failure: Failure) -> None:
-        """Keep why a job failed, in ``failed/<job id>.json``."""
+    def record_failure(self, failure: Failure) -> Failure:
+        """Keep why a job failed, in ``failed/<job id>.json``; return it with all tries counted."""
+        path = self.failed / f"{failure.job}.json"
+        if path.exists():
+            failure = replace(failure, tries=failure.tries + read_failure(path).tries)
         text = json.dumps(asdict(failure), indent=2, ensure_ascii=False)
-        write_whole(self.failed / f"{failure.job}.json", f"{text}\n".encode())
+        write_whole(path, f"{text}\n".encode())
+        return failure
 
     def forget_failure(self, job: str) -> None:
         """Remove the record of a failure: a later try has succeeded."""

@@ -73,6 +73,14 @@ def test_the_limit_says_what_exit_code_0_means_then():
     assert "exit code 0 then does not mean that all jobs are done" in " ".join(shown.split())
 
 
+@pytest.mark.parametrize("module", ["shear_sim", "shear_sim.cli"])
+def test_the_module_is_the_command(module, environment):
+    command = [sys.executable, "-m", module]
+    shown = subprocess.check_output([*command, "--version"], env=environment, text=True)
+    assert shown == f"shear-sim {version('shear-sim')}\n"
+    assert subprocess.run([*command, "plan"], env=environment, capture_output=True).returncode == 2
+
+
 def test_version(environment):
     assert run(environment, "--version") == (0, f"shear-sim {version('shear-sim')}\n")
 

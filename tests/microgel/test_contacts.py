@@ -7,6 +7,7 @@ motion is then known, and the force of the contact can be compared with its clos
 import numpy as np
 import pytest
 from scenes import (
+    UNDAMPED,
     evaluate,
     finish,
     packing_point,
@@ -19,6 +20,7 @@ from shear_sim.models.microgel import laws, motion
 from shear_sim.models.microgel.parameters import Damping, Links
 from shear_sim.models.microgel.state import OPEN, SLIDE, SPRING, STICK, set_column
 from shear_sim.packing import Cell
+from shear_sim.protocol import OscillatoryShear
 
 # A pair of unit discs at distance 1.6 along x; k = 1, so the elastic force is 0.4.
 K, KT, MU, OVERLAP = 1.0, 2.0, 0.5, 0.4
@@ -145,7 +147,10 @@ def test_coulomb_cap_of_an_attractive_law_is_its_modulus():
         )
         return s.work.fy[0], s.work.fx[0]
 
-    source = "def contact_force(d, D, k, repulsion):\n    return k * (D - d)\n"
+    source = (
+        "def contact_force(d, D, k, repulsion):\n"
+        "    return k * (D - d) * (1.0 if d > 0.5 * D else -1.0)\n"
+    )
     for v in (1.0, -1.0):
         s = scene(
             [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, step=1.0, steps=1,
@@ -385,6 +390,34 @@ class TestDampingAndDrive:
         assert s.discs.x[0] == pytest.approx(100.0, abs=1e-9)
         assert s.discs.cx[0] == pytest.approx(-0.5 * 100.0)
         assert s.discs.spin[0] - 0.25 == pytest.approx(0.0, abs=1e-12)
+
+    @pytest.mark.parametrize(
+        "shear",
+        [
+            steady(0.3, rate=0.05, pre_periods=0.1, post_periods=0.5),
+            OscillatoryShear(pre_periods=0.1, periods=1, post_periods=0.5, strain_amplitude=0.3),
+        ],
+        ids=lambda shear: shear.kind,
+    )
+    def test_edge_drive_leaves_a_lone_disc_at_rest_when_it_starts_and_stops(self, shear):
+        """The rate jumps at both ends of the shear; a disc that nothing touches feels neither."""
+        s = prepared(
+            packing_point(
+                discs=1, packing={"packing_fraction": 0.01}, drive="boundary", shear=shear,
+                damping=UNDAMPED,
+            )
+        )  # fmt: skip
+        s.discs.y[0] = 0.7 * s.constants.height
+        x = s.discs.x[0]
+        c = finish(s)
+        assert np.ptp(c["strain"]) > 0.25
+        assert c["strain_rate"][-1] == 0
+        fastest = np.abs(c["strain_rate"]).max()
+        # The sine is followed in steps: second order in the step for the position.
+        assert s.discs.x[0] == pytest.approx(x, abs=1e-4 * s.constants.height)
+        assert s.discs.y[0] == 0.7 * s.constants.height
+        assert abs(s.discs.cx[0]) < 1e-12 * fastest * s.constants.height
+        assert abs(s.discs.spin[0]) < 1e-12 * fastest
 
     def test_edge_drive_diffuses_from_the_edges(self):
         """A bulk network sheared at its edges: the middle lags behind, as momentum has to travel.

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+import traceback
 
 import numpy as np
 import pytest
@@ -200,6 +201,40 @@ def test_a_packing_that_moves_is_not_at_rest():
         assert report["settling_steps"] > 0
         assert report["at_rest"]
         assert report["kinetic_energy"] <= point.packing.equilibration.energy_tolerance
+
+
+RAISES = """
+def contact_force(d, D, k, repulsion):
+    if d < 0.85 * D:
+        pass
+    elif d < 0.9999 * D and not 0.899 < d / D < 0.901:
+        raise ValueError("not measured here")
+    return -k * (D - d)
+"""
+
+
+def test_a_law_that_raises_fails_its_own_jobs_only():
+    """It works at the distances at which laws are tried, but not where discs come to rest."""
+    point = packing_point(discs=20, contact_law=CustomLaw(kind="custom", source=RAISES))
+    simulation_module.compile_kernels([point])
+    with pytest.raises(ValueError, match="not measured here") as caught:
+        prepared(point)
+    where = traceback.extract_tb(caught.value.__traceback__)[-1]
+    assert (where.filename, where.lineno) == (laws.LAW_FILE, 6)
+
+
+def test_compiling_never_waits_for_a_law_to_let_a_packing_rest(monkeypatch):
+    """The steps that compile a user's kernels are few, whatever the law does."""
+    limits = []
+
+    def note(point, _streams):
+        limits.append(point.packing.equilibration.max_steps)
+        raise SimulationError
+
+    monkeypatch.setattr(simulation_module, "prepare", note)
+    simulation_module.compile_kernels([packing_point(discs=20)])
+    assert len(limits) == 1
+    assert limits[0] <= 100
 
 
 def test_a_law_that_does_not_work_fails_its_own_jobs_only():

@@ -251,6 +251,14 @@ def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
             f"{flagged:,} runs are flagged ({', '.join(named) or 'no result'}; columns flags and "
             "flagged of tables/runs); they count in"
         )
+    features = tables.get("features")
+    if features is not None and len(features):
+        of = features[features["landmark"] == "low_strain_plateau"]
+        if steep := int(of["storage_modulus_ci_flag"].str.contains("no plateau").sum()):
+            lines.append(
+                f"{steep:,} of {len(of):,} curves soften before their second amplitude: their "
+                "plateau and softening are those of the smallest amplitude"
+            )
     if orphans := tables["runs"].attrs.get("orphans", 0):
         lines.append(f"{orphans:,} results are of jobs outside the plan; they are not counted")
     weak = sum(

@@ -77,7 +77,8 @@ def contrasts_table(
     rows: list[dict[str, Any]] = []
     for comparison in find_comparisons(planned, parameters):
         if all(curve in curves for curve in comparison.curves):
-            rows += _rows(comparison, [curves[c] for c in comparison.curves], paired, seed)
+            of = [curves[curve] for curve in comparison.curves]
+            rows += compare(comparison, of, paired=paired, seed=seed)
     columns = [*tables.CONTRASTS[:2], *parameters, *tables.CONTRASTS[2:]]
     names = [column.name for column in columns]
     data = pd.DataFrame(rows, columns=names)
@@ -207,10 +208,27 @@ def _words(
                 )
 
 
-def _rows(
-    comparison: Comparison, curves: Sequence[Curve], paired: bool, seed: int
+def compare(
+    comparison: Comparison,
+    curves: Sequence[Curve],
+    *,
+    paired: bool,
+    seed: int,
+    resamples: int = RESAMPLES,
 ) -> list[dict[str, Any]]:
-    """Return the rows of one comparison: landmarks, then moduli at each common amplitude."""
+    """Return the rows of one comparison: landmarks, then moduli at each common amplitude.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        What is compared.
+    curves : sequence of Curve
+        Its curves.
+    paired : bool
+        See `Ensemble`.
+    seed, resamples : int
+        Of the bootstrap.
+    """
     common = sorted(set.intersection(*[set(curve.amplitudes.tolist()) for curve in curves]))
     if not common:
         return []
@@ -242,6 +260,7 @@ def _rows(
         ensemble.sizes,
         n=ensemble.n,
         positive=np.zeros(len(keys), dtype=bool),
+        resamples=resamples,
         seed=seed,
     )
     about = {
@@ -253,7 +272,7 @@ def _rows(
         "replicates": ensemble.n,
         "planned": min(curve.planned for curve in curves),
         "ci_level": LEVEL,
-        "ci_resamples": RESAMPLES,
+        "ci_resamples": resamples,
         "ci_seed": seed,
         **comparison.held,
     }

@@ -264,7 +264,7 @@ def _first_peak(
     highest = np.maximum.accumulate(values, axis=0)
     with np.errstate(invalid="ignore"):  # −inf − −inf, before there is anything
         fallen = highest - values > margin
-    found = fallen.any(axis=0)
+    found: NDArray[np.bool_] = np.asarray(fallen.any(axis=0))
     end = np.where(found, fallen.argmax(axis=0), len(values))
     before = np.arange(len(values))[:, None] < end
     return np.where(before, values, -np.inf).argmax(axis=0), found

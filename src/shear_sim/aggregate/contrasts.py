@@ -6,9 +6,9 @@ else is equal in a comparison; curves are compared over the strain amplitudes th
 with landmarks found anew on those.
 
 Every effect is a difference of logarithms, so that it has no unit: a ratio, an exponent
-d ln y/d ln x (of x > 0 over a wide range, or with a unit) or a slope d ln y/d x. Slopes weigh the
+d ln y/d ln x (of x > 0 over a wide range, or with a unit) or a slope d ln y/d x. Slopes weigh all
 values of x equally; their intervals say how well they are known over the packings, not how straight
-the line is. In a random design no two points differ in one parameter alone, and nothing is compared.
+the line is. In a random design no two points differ in one thing alone, and nothing is compared.
 """
 
 import math
@@ -98,7 +98,8 @@ def find_comparisons(planned: "pd.DataFrame", parameters: Sequence[Column]) -> I
     table = by_scene(points.drop_duplicates("curve"))[["curve", "scene", *keys]]
     table = table.astype(object).where(table.notna(), None)  # None is equal to itself, nan is not
     of: dict[str, list[dict[str, Any]]] = {}
-    for row in table.to_dict("records"):
+    for values in table.itertuples(index=False, name=None):
+        row = dict(zip(["curve", "scene", *keys], values, strict=True))
         of.setdefault(row["scene"], []).append(row)
     scenes = list(of)
     for other in scenes[1:]:

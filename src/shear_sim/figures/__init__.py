@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 from shear_sim.figures import style
 from shear_sim.figures.curves import branches, curves
 from shear_sim.figures.example import example_run
+from shear_sim.figures.laws import contact_laws
 from shear_sim.variation import variation
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["branches", "curves", "draw", "example_run"]
+__all__ = ["branches", "contact_laws", "curves", "draw", "example_run"]
 
 
 def draw(

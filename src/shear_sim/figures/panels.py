@@ -5,21 +5,19 @@ the figure counts them; an interval that reaches zero is cut at the foot.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shear_sim.figures import style
+from shear_sim.figures.style import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
 _MOST_ACROSS = 5  # panels side by side
@@ -41,9 +39,9 @@ def grid(
     points: "pd.DataFrame",
     quantities: Sequence[str],
     panels: Sequence[Panel],
-    colour: str | None,
-    *,
-    joined: bool,
+    look: "Look",
+    note: str = "",
+    decorate: "Callable[[Axes, Panel, str, Mapping[Any, int] | None], None] | None" = None,
 ) -> "Figure":
     """Draw quantities (rows) in panels (columns, wrapped where they are many).
 
@@ -56,19 +54,20 @@ def grid(
     panels : sequence of Panel
         With a ``scene`` in each row of their points; several in one panel are told by the style
         of the line.
-    colour : str, optional
-        The parameter that is told by colour and marker.
-    joined : bool
-        Lines with bands; otherwise points with bars (a random design).
+    look : Look
+        How lines are told apart.
+    note : str
+        What else a reader must know.
+    decorate : callable, optional
+        Adds to each axis, of (axis, panel, quantity, places of x where that is no number).
     """
     import pandas as pd
 
     shown = pd.concat([panel.points for panel in panels])
-    look = _Look.of(panels, colour, joined=joined)
     blocks = math.ceil(len(panels) / _MOST_ACROSS)
     across = math.ceil(len(panels) / blocks)
     rows = blocks * len(quantities)
-    width = {1: style.SINGLE, 2: 5.2}.get(across, style.DOUBLE)
+    width = style.WIDTHS.get(across, style.DOUBLE)
     height = min(1.95 * rows, max(style.PAGE - 1.0, 1.3 * rows)) + 0.9
     hidden = 0
     with style.figure(width, height) as figure:
@@ -84,39 +83,59 @@ def grid(
                 if axis is not first:
                     axis.sharey(first)
                 places = style.scale_x(axis, panel.points[panel.x])
-                foot = style.scale_y(axis, shown, quantity)
+                foot = style.scale_y(axis, shown, [quantity])
                 axis.tick_params(labelleft=column == 0, labelbottom=axis is own[-1])
                 if column == 0:
                     axis.set_ylabel(style.label(points, quantity))
                 hidden += _lines(axis, panel, quantity, look, places, foot)
+                if decorate is not None:
+                    decorate(axis, panel, quantity, places)
             text = style.label(points, panel.x)
             own[-1].set_xlabel(text.replace(" $", "\n$") if across > _WIDE else text)
         for column in range(len(panels) - (blocks - 1) * across, across):
             for axis in axes[-len(quantities) :, column]:
                 axis.remove()  # the last block is not full
         figure.align_ylabels()
-        look.explain(figure, points)
+        look.explain(figure)
         style.note(
             figure,
             style.intervals_note(points, quantities),
             f"arrows at the foot: mean not positive ({hidden})" if hidden else "",
+            note,
             style.partial_note(points),
         )
     return figure
 
 
+class Group(NamedTuple):
+    """The lines of one value of a parameter."""
+
+    value: Any  # None: all points
+    colour: Any
+    marker: str
+    text: str
+
+
 @dataclass(frozen=True)
-class _Look:
-    """How the values of one parameter, and the scenes of one panel, are told apart."""
+class Look:
+    """How lines are told apart, and whether points are joined by lines.
+
+    ``key`` is the column that colour and marker tell, ``groups`` its values; with a colour ``bar``
+    there is one group of all points. ``styles`` of lines tell the scenes where several share a
+    panel. Intervals are ``bands`` (bars where a point has no neighbour), or bars.
+    """
 
     key: str | None
-    colours: dict[Any, Any]  # empty: by the colour map of ``bar``
-    bar: Any
-    styles: dict[str, Any]  # of the scenes; empty where each has its own panel
+    groups: Sequence[Group]
+    styles: Mapping[str, Any]
     joined: bool
+    bands: bool = True
+    bar: Any = None
+    title: str | None = None
 
     @classmethod
-    def of(cls, panels: Sequence[Panel], key: str | None, *, joined: bool) -> "_Look":
+    def by(cls, key: str | None, panels: Sequence[Panel], points: Any, *, joined: bool) -> "Look":
+        """Tell the values of ``key`` apart: by a colour map where they have an order."""
         import matplotlib as mpl
         import pandas as pd
         from matplotlib.cm import ScalarMappable
@@ -127,56 +146,56 @@ class _Look:
         if any(panel.points["scene"].nunique() > 1 for panel in panels):
             names = list(dict.fromkeys(shown["scene"]))
             styles = dict(zip(names, _SCENES * len(names), strict=False))
+        everything = [Group(None, style.UNORDERED[0], style.MARKERS[0], "")]
         if key is None:
-            return cls(None, {}, None, styles, joined)
+            return cls(None, everything, styles, joined)
         ordered = shown[key].dtype.kind in "if"
         values = sorted(shown[key].dropna().unique()) if ordered else list(shown[key].unique())
-        if not ordered or len(values) == 1:
-            cycle = style.UNORDERED * (1 + len(values) // len(style.UNORDERED))
-            return cls(key, dict(zip(values, cycle, strict=False)), None, styles, joined)
-        if len(values) <= _MOST_LINES:
-            colours = dict(zip(values, style.shades(len(values)), strict=True))
-            return cls(key, colours, None, styles, joined)
-        wide = values[0] > 0 and style.is_wide(shown[key])
-        norm = LogNorm if wide else Normalize
-        bar = ScalarMappable(norm(values[0], values[-1]), mpl.colormaps["viridis"])
-        return cls(key, {}, bar, styles, joined)
+        if ordered and len(values) > _MOST_LINES:
+            norm = LogNorm if values[0] > 0 and style.is_wide(shown[key]) else Normalize
+            bar = ScalarMappable(norm(values[0], values[-1]), mpl.colormaps["viridis"])
+            return cls(key, everything, styles, joined, bar=bar, title=style.label(points, key))
+        colours: Sequence[Any] = style.UNORDERED * len(values)
+        if ordered and len(values) > 1:
+            colours = style.shades(len(values))
+        groups = [
+            Group(value, colour, marker, style.value_text(value))
+            for value, colour, marker in zip(
+                values, colours, style.MARKERS * len(values), strict=False
+            )
+        ]
+        return cls(key, groups, styles, joined, title=style.label(points, key))
 
-    @property
-    def groups(self) -> list[tuple[Any, Any, str]]:
-        """Value, colour and marker of each line; one of all points where a bar tells them."""
-        if not self.colours:
-            return [(None, style.UNORDERED[0], style.MARKERS[0])]
-        markers = style.MARKERS * (1 + len(self.colours) // len(style.MARKERS))
-        return [(v, c, m) for (v, c), m in zip(self.colours.items(), markers, strict=False)]
-
-    def explain(self, figure: "Figure", points: "pd.DataFrame") -> None:
+    def explain(self, figure: "Figure") -> None:
         """Add the legend or the colour bar."""
+        from matplotlib.colors import LogNorm
         from matplotlib.lines import Line2D
 
         if self.bar is not None:
-            bar = figure.colorbar(
-                self.bar, ax=figure.axes, label=style.label(points, str(self.key))
-            )
-            low, high = self.bar.get_clim()
-            if low > 0 and style.is_wide(points[self.key]):
-                style.log_ticks(bar.ax.yaxis, low, high)
+            bar = figure.colorbar(self.bar, ax=figure.axes, label=self.title)
+            if isinstance(self.bar.norm, LogNorm):
+                style.log_ticks(bar.ax.yaxis, *self.bar.get_clim())
         handles = [
-            Line2D([], [], color=colour, marker=marker, label=style.value_text(value),
-                   linestyle="-" if self.joined else "none")
-            for value, colour, marker in self.groups if self.colours
+            Line2D(
+                [], [], label=group.text,
+                **style.marker_style("", group.colour, group.marker)
+                | ({} if self.joined else {"linestyle": "none"}),
+            )
+            for group in self.groups if group.text
         ]  # fmt: skip
-        title = style.label(points, self.key) if handles and self.key is not None else None
+        title = self.title if handles else None
         handles += [
             Line2D([], [], color=style.GREY, linestyle=line, label=style.words(scene))
             for scene, line in self.styles.items()
         ]
         if handles:
+            letters = max(len(str(handle.get_label())) for handle in handles)
+            columns = int(figure.get_figwidth() / (0.5 + 0.065 * letters))
             figure.legend(
                 handles=handles,
                 title=title,
                 loc="outside lower center",
-                ncols=min(len(handles), int(figure.get_figwidth() / 0.95)),
+                ncols=max(1, min(len(handles), columns)),
             )
 
 
@@ -184,14 +203,14 @@ def _lines(
     axis: "Axes",
     panel: Panel,
     quantity: str,
-    look: _Look,
+    look: Look,
     places: "Mapping[Any, int] | None",
     foot: float | None,
 ) -> int:
     """Draw all lines of one panel; return how many means are marked at its foot."""
     hidden = 0
     for scene, of_scene in panel.points.groupby("scene", sort=False, observed=True):
-        for turn, (value, colour, marker) in enumerate(look.groups):
+        for turn, (value, colour, marker, _) in enumerate(look.groups):
             line = of_scene if value is None else of_scene[of_scene[look.key] == value]
             line = line[line[f"{quantity}_mean"].notna()]
             aside = turn - (len(look.groups) - 1) / 2
@@ -204,7 +223,7 @@ def _lines(
                 at = at + 0.5 * aside / len(look.groups)
             if not len(line):
                 continue
-            drawn = style.marker_style(quantity, colour) | {"marker": marker}
+            drawn = style.marker_style(quantity, colour, marker)
             if scene in look.styles:
                 drawn["linestyle"] = look.styles[str(scene)]
             if places is not None:
@@ -219,7 +238,7 @@ def _line(
     line: "pd.DataFrame",
     quantity: str,
     drawn: dict[str, Any],
-    look: _Look,
+    look: Look,
     foot: float | None,
     aside: float,
 ) -> int:
@@ -232,7 +251,8 @@ def _line(
         # A logarithmic axis has no room below its foot: intervals are cut there, not left out.
         low, high = (np.where(end <= foot, foot * 0.99, end) for end in (low, high))
     if look.joined:
-        bands(axis, at, low, high, drawn["color"], apart=drawn["linestyle"] == "none")
+        apart = drawn["linestyle"] == "none" or not look.bands
+        bands(axis, at, low, high, drawn["color"], apart=apart)
         axis.plot(at, mean if foot is None else np.where(mean > 0, mean, np.nan), **drawn)
     else:
         seen = np.ones(len(mean), dtype=bool) if foot is None else mean > 0

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shear_sim.variation import AMPLITUDE, FRICTION, short_name
 
@@ -21,8 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
+FloatArray = NDArray[np.float64]
+
 DPI = 300
 SINGLE, DOUBLE, PAGE = 3.5, 7.2, 9.4  # inches: one column, two columns, the height of a page
+WIDTHS = {1: SINGLE, 2: 5.2}  # by panels side by side; DOUBLE for more
 SMALL = 7.0  # points: the smallest letters
 GREY = "0.3"
 
@@ -52,6 +56,7 @@ _RC: dict[Any, Any] = {
     "lines.markeredgewidth": 0.9,
 }
 MARKERS = "osD^vPX<>ph*"
+_LARGER = "*|"  # markers of little area
 # Okabe & Ito: told apart with any colour vision. For values without an order.
 UNORDERED = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STORAGE, LOSS = UNORDERED[:2]  # where G' and G'' share a panel
@@ -76,6 +81,11 @@ _SYMBOLS = {
     "loss_modulus": "loss modulus $G''$",
     "shear_stress": "shear stress $\\tau$",
     "viscosity": "viscosity $\\eta$",
+    "strain": "strain amplitude $\\gamma_0$",
+    "total_stress": "stress $|G^*|\\gamma_0$",
+    "third_harmonic_ratio": "$I_3/I_1$",
+    "stiffening_ratio": "stiffening $S$",
+    "thickening_ratio": "thickening $T$",
 }
 
 
@@ -88,6 +98,26 @@ def figure(width: float, height: float) -> "Iterator[Figure]":
     with mpl.rc_context(_RC):
         # Figure, not pyplot: no window, no backend, nothing global that keeps it alive.
         yield Figure(figsize=(width, height), layout="constrained")
+
+
+@contextmanager
+def small_multiples(
+    count: int, across: int, height: float = 1.7
+) -> "Iterator[tuple[Figure, list[Axes]]]":
+    """Give a figure with ``count`` panels that share both axes, ``across`` side by side.
+
+    Rows are ``height`` [inch] high, or as high as fits a page. Axes are labelled where no panel
+    follows below or on the left.
+    """
+    rows = math.ceil(count / across)
+    height = min(height, (PAGE - 1.1) / rows)
+    with figure(WIDTHS.get(across, DOUBLE), rows * height + 1.1) as drawn:
+        axes = drawn.subplots(rows, across, squeeze=False, sharex=True, sharey=True).flatten()
+        for spare in axes[count:]:
+            spare.remove()
+        for place, axis in enumerate(axes[:count]):
+            axis.tick_params(labelbottom=place + across >= count, labelleft=place % across == 0)
+        yield drawn, list(axes[:count])
 
 
 def note(figure: "Figure", *notes: str) -> None:
@@ -114,9 +144,13 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
 
     paths = [stem.with_suffix(".png"), stem.with_suffix(".pdf")]
     with mpl.rc_context(_RC):
+        # Finding places for everything costs more than drawing it: once, at the final resolution.
+        figure.set_dpi(DPI)
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         # Without the library's version and the time in it, the same figure is the same file.
         figure.savefig(paths[0], dpi=DPI, metadata={"Software": None})
-        figure.set_layout_engine("none")  # it has its places now; finding them is half the cost
         nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
         figure.savefig(paths[1], dpi=DPI, metadata=nothing)
     return paths
@@ -130,11 +164,14 @@ def shades(count: int) -> "list[Any]":
     return list(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, count)))
 
 
-def marker_style(quantity: str, colour: Any) -> dict[str, Any]:
+def marker_style(quantity: str, colour: Any, marker: str) -> dict[str, Any]:
     """Return how a quantity's markers and lines are drawn: filled and solid, or open and dashed."""
+    drawn: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "-"}
+    if marker in _LARGER:
+        drawn |= {"markersize": 7, "markeredgewidth": 1.4 if marker == "|" else 0.4}
     if quantity in OPEN:
-        return {"color": colour, "markerfacecolor": "white", "linestyle": (0, (4, 1.6))}
-    return {"color": colour, "markerfacecolor": colour, "linestyle": "-"}
+        drawn |= {"markerfacecolor": "white", "linestyle": (0, (4, 1.6))}
+    return drawn
 
 
 def label(points: "pd.DataFrame", name: str) -> str:
@@ -143,6 +180,12 @@ def label(points: "pd.DataFrame", name: str) -> str:
     unit = units.get(name, units.get(f"{name}_mean", ""))
     text = _SYMBOLS.get(name, short_name(name))
     return f"{text} [{unit}]" if unit and unit != "1" else text
+
+
+def symbol(key: str) -> str:
+    """Return the symbol of a parameter or quantity, its short name where it has none."""
+    _, dollar, rest = _SYMBOLS.get(key, "").partition("$")
+    return dollar + rest if dollar else short_name(key)
 
 
 def words(name: str) -> str:
@@ -158,22 +201,32 @@ def value_text(value: Any) -> str:
     return f"{value:g}" if number else words(str(value))
 
 
-def partial_note(points: "pd.DataFrame") -> str:
+def partial_note(table: "pd.DataFrame") -> str:
     """Return "PARTIAL STUDY: n of N runs", or nothing where all are there."""
-    done, planned = int(points["replicates"].sum()), int(points["planned"].sum())
+    done, planned = table.attrs["done"], table.attrs["planned"]
     return "" if done == planned else f"PARTIAL STUDY: {done:,} of {planned:,} runs"
+
+
+def left_out_note(key: str | None, shown: Sequence[Any], values: Sequence[Any]) -> str:
+    """Return how many values of a parameter are drawn, or nothing where all are."""
+    if key is None or len(shown) == len(values):
+        return ""
+    return f"{len(shown)} of {len(values)} values of {symbol(key)} are drawn"
 
 
 def intervals_note(points: "pd.DataFrame", quantities: Sequence[str]) -> str:
     """Return in words how many replicates and which intervals a figure shows."""
     counts = points.loc[points["replicates"] > 0, "replicates"]
     few, many = int(counts.min()), int(counts.max())
-    number = f"{few}" if few == many else f"{few} to {many}"
-    methods = {m for q in quantities for m in points[f"{q}_ci_method"].unique()} - {"none", "equal"}
+    number = f"{few} replicate{'' if few == many == 1 else 's'}"
+    if few < many:
+        number = f"{few} to {many} replicates"
+    methods = {m for q in quantities for m in points[f"{q}_ci_method"].dropna().unique()}
+    methods -= {"", "none", "equal"}
     if not methods:
-        return f"means of {number} replicate(s), without intervals"
+        return f"{number}, no intervals"
     level = float(points["ci_level"].iloc[0])
-    return f"means of {number} replicates, {level:.0%} intervals ({', '.join(sorted(methods))})"
+    return f"{number}; {level:.0%} intervals ({', '.join(sorted(methods))})"
 
 
 def is_wide(values: "pd.Series[Any]") -> bool:
@@ -205,7 +258,7 @@ def scale_x(axis: "Axes", values: "pd.Series[Any]") -> "Mapping[Any, int] | None
             log_ticks(axis.xaxis, float(few[0]), float(few[-1]))
     elif is_wide(values) and few[0] >= 0:
         axis.set_xscale("symlog", linthresh=positive[0], linscale=0.5)
-        axis.set_xlim(left=-0.3 * positive[0])
+        axis.set_xlim(-0.3 * positive[0], 1.4 * positive[-1])
         axis.xaxis.set_minor_locator(NullLocator())
         places = np.log(np.maximum(few, positive[0] / 3))
     crowded = len(few) > 1 and np.diff(places).min() < _NEAR * np.ptp(places)
@@ -216,19 +269,23 @@ def scale_x(axis: "Axes", values: "pd.Series[Any]") -> "Mapping[Any, int] | None
     return None
 
 
-def scale_y(axis: "Axes", shown: "pd.DataFrame", quantity: str) -> float | None:
-    """Scale a row of panels; return the foot of a logarithmic axis, None for a linear one."""
-    mean = shown[f"{quantity}_mean"].dropna()
+def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> float | None:
+    """Scale an axis of quantities; return the foot of a logarithmic one, None for a linear one."""
+
+    def values(part: str) -> FloatArray:
+        found = np.concatenate([shown[f"{q}_{part}"].to_numpy(np.float64) for q in quantities])
+        return found[np.isfinite(found)]
+
+    mean, low, high = values("mean"), values("ci_low"), values("ci_high")
     positive = mean[mean > 0]
     # Mostly negative (a stress under negative shear) is better read on a linear axis; so is a
     # quantity that hardly changes.
-    if len(positive) * 2 < len(mean) or positive.max() / positive.min() < 5:
+    if 2 * len(positive) < len(mean) or len(mean) == 0 or positive.max() / positive.min() < 5:
         return None
     least, most = float(positive.min()), float(positive.max())
-    low, high = shown[f"{quantity}_ci_low"], shown[f"{quantity}_ci_high"]
     # Intervals count up to a decade beyond the means: one wild band must not flatten all curves.
     foot = max(float(low[low > 0].min()), least / 10) if (low > 0).any() else least
-    top = min(float(high.max()), most * 10) if high.notna().any() else most
+    top = min(float(high.max()), most * 10) if len(high) else most
     foot, top = min(foot, least) / 1.3, max(top, most) * 1.3
     axis.set_yscale("log")
     axis.set_ylim(foot, top)

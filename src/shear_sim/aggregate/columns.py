@@ -156,6 +156,20 @@ STATISTICS = (
     ("ci_method", False, "BCa, percentile, t, t_log, equal or none"),
     ("ci_flag", False, "what weakens the interval; empty: nothing"),
 )
+
+
+def statistics_of(quantity: Column) -> list[Column]:
+    """Return the columns of a quantity in ``curves`` and ``steady``."""
+    return [
+        Column(
+            f"{quantity.name}_{suffix}",
+            quantity.unit if has_unit else "",
+            f"{text} {quantity.description}" if suffix in {"mean", "median", "sd"} else text,
+        )
+        for suffix, has_unit, text in STATISTICS
+    ]
+
+
 #: Quantities of ``curves``.
 CURVE_QUANTITIES = (*MODULI[:4], OSCILLATORY[2][0], *LARGE_AMPLITUDE)
 INTERVALS = (
@@ -191,6 +205,8 @@ FEATURES = (
     Column("amplitudes", "1", "strain amplitudes with runs: points of the curve"),
     Column("landmark", "", "which landmark"),
     # FEATURE_QUANTITIES
+    Column("strain_before", "1", "largest amplitude measured up to it"),
+    Column("strain_after", "1", "smallest amplitude measured beyond it"),
     Column("censored", "", "empty; above or below: beyond the amplitudes; absent: none"),
     Column("strain_limit", "1", "largest (above) or smallest (below) amplitude, where censored"),
     Column("censored_resamples", "1", "fraction of the resampled curves that are censored"),

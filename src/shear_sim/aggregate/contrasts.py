@@ -90,9 +90,7 @@ def contrasts_table(
     return frame(data, columns)
 
 
-def find_comparisons(
-    planned: "pd.DataFrame", parameters: Sequence[Column]
-) -> Iterator[Comparison]:
+def find_comparisons(planned: "pd.DataFrame", parameters: Sequence[Column]) -> Iterator[Comparison]:
     """Yield what a study allows to compare: scenes first, then parameter by parameter."""
     points = planned.drop_duplicates("point")
     reference = variation(points).reference

@@ -4,21 +4,37 @@ Each function takes tables and returns a figure to save, or to change first; `dr
 the tables of a study allow. Every figure of a partial study says how much of it is there.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shear_sim.figures import style
-from shear_sim.figures.curves import branches, curves
+from shear_sim.figures.curves import branches, curves, has_curves
 from shear_sim.figures.example import example_run
+from shear_sim.figures.landmarks import landmark_parameters, landmarks
 from shear_sim.figures.laws import contact_laws
+from shear_sim.figures.lissajous import lissajous
+from shear_sim.figures.moduli import moduli_with_landmarks
+from shear_sim.figures.quality import has_quality, quality
 from shear_sim.variation import variation
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["branches", "contact_laws", "curves", "draw", "example_run"]
+__all__ = [
+    "branches", "contact_laws", "curves", "draw", "example_run", "has_curves", "has_quality",
+    "landmark_parameters", "landmarks", "lissajous", "moduli_with_landmarks", "quality",
+]  # fmt: skip
+
+#: Tables with a row per point: the name of their figures, and quantities of each figure.
+_POINTS = {
+    "curves": {
+        "moduli": ("storage_modulus", "loss_modulus"),
+        "large_amplitude": ("third_harmonic_ratio", "stiffening_ratio", "thickening_ratio"),
+    },
+    "steady": {"steady": ("shear_stress", "viscosity")},
+}
 
 
 def draw(
@@ -29,30 +45,44 @@ def draw(
     Parameters
     ----------
     tables : mapping
-        ``moduli`` or ``steady``, as `shear_sim.aggregate.aggregate` returns them.
+        As `shear_sim.aggregate.make_tables` returns them.
     folder : Path
         Made where it does not exist.
     example : mapping, optional
         The arguments of `example_run`.
     """
-    figures: dict[str, Figure] = {}
-    partial = ""
-    for name, quantities in (
-        ("moduli", ("storage_modulus", "loss_modulus")),
-        ("steady", ("shear_stress", "viscosity")),
-    ):
-        if name not in tables:
-            continue
-        points = tables[name]
-        partial = style.partial_note(points)
-        if not points["replicates"].any():
-            continue
-        plan = variation(points)
-        if plan.x is not None:
-            figures[name] = curves(points, quantities)
-        if plan.branches:
-            figures[f"{name}_branches"] = branches(points, quantities)
-    if example is not None:
-        figures["example"] = example_run(**example, note=partial)
     folder.mkdir(parents=True, exist_ok=True)
-    return [path for name, figure in figures.items() for path in style.save(figure, folder / name)]
+    paths = []
+    for name, figure in _figures(tables, example):
+        paths += style.save(figure, folder / name)
+    return paths
+
+
+def _figures(
+    tables: "Mapping[str, pd.DataFrame]", example: Mapping[str, Any] | None
+) -> "Iterator[tuple[str, Figure]]":
+    """Make each figure when it is asked for, so that only one is in memory."""
+    if example is not None:
+        partial = style.partial_note(tables["runs"])
+        yield "example", example_run(**example, note=partial)
+    for table, figures in _POINTS.items():
+        if table not in tables or not tables[table]["replicates"].any():
+            continue
+        points = tables[table]
+        plan = variation(points)
+        for name, quantities in figures.items():
+            if plan.x is not None:
+                yield name, curves(points, quantities)
+            if plan.branches and name != "large_amplitude":
+                yield f"{name}_branches", branches(points, quantities)
+    if "curves" in tables and has_curves(tables["curves"]):
+        points, features = tables["curves"], tables["features"]
+        yield "moduli_with_landmarks", moduli_with_landmarks(points, features)
+        if parameters := landmark_parameters(features):
+            yield "landmarks", landmarks(features, parameters[:1])
+        if parameters[1:]:
+            yield "landmarks_branches", landmarks(features, parameters[1:])
+        yield "lissajous_elastic", lissajous(points, tables["harmonics"], "elastic")
+        yield "lissajous_viscous", lissajous(points, tables["harmonics"], "viscous")
+    if has_quality(tables["runs"]):
+        yield "quality", quality(tables["runs"])

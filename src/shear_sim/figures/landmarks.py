@@ -48,7 +48,8 @@ def landmark_parameters(features: "pd.DataFrame") -> list[str]:
 def landmarks(features: "pd.DataFrame", parameters: Sequence[str]) -> "Figure":
     """Draw the strain, G' and stress of landmarks against parameters: a column per scene of each.
 
-    All other parameters stand at their reference. Where a landmark lies beyond the amplitudes of
+    All other parameters stand at their reference; curves of less than half as many amplitudes as
+    the others of their scene are left out. Where a landmark lies beyond the amplitudes of
     the study, an arrow stands at the last one.
 
     Parameters
@@ -103,6 +104,8 @@ def _panels(table: "pd.DataFrame", plan: Variation, key: str) -> list[Panel]:
     others = [other for other in (plan.x, plan.colour, *plan.branches) if other not in {None, key}]
     part = at_reference(table, plan, [other for other in others if other is not None])
     several = table["scene"].nunique() > 1
+    # Landmarks of curves of far fewer amplitudes are coarser, and differ by that alone.
+    part = part[2 * part["amplitudes"] > part.groupby("scene")["amplitudes"].transform("max")]
     return [
         Panel(str(scene) if several else "", of_scene, key)
         for scene, of_scene in part.groupby("scene", sort=False, observed=True)

@@ -1,7 +1,7 @@
 """G' and G'' against the strain amplitude, each curve in its own panel with its landmarks."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,9 @@ _MODULI = {"storage_modulus": (style.STORAGE, "o"), "loss_modulus": (style.LOSS,
 _MOST_ACROSS, _MOST_ROWS = 5, 6
 
 
-def moduli(points: "pd.DataFrame", features: "pd.DataFrame | None" = None) -> "Figure":
+def moduli_with_landmarks(
+    points: "pd.DataFrame", features: "pd.DataFrame | None" = None
+) -> "Figure":
     """Draw G' and G'' against the strain amplitude: a panel per scene and friction.
 
     Lines are means over replicates, bands their intervals; black marks are landmarks, with the
@@ -54,14 +56,16 @@ def moduli(points: "pd.DataFrame", features: "pd.DataFrame | None" = None) -> "F
         for value in shown
         if len(part := _part(table, scene, key, value))
     ]
+    marks = _by_curve(features)
     with style.small_multiples(len(parts), across) as (figure, axes):
+        style.scale_x(axes[0], table[AMPLITUDE])
+        foot = style.scale_y(axes[0], table, list(_MODULI))
         for place, (axis, (scene, value, part)) in enumerate(zip(axes, parts, strict=True)):
-            style.scale_x(axis, table[AMPLITUDE])
-            foot = style.scale_y(axis, table, list(_MODULI))
             axis.set_title(_title(scene, key, value), fontsize=style.SMALL + 0.5)
             _curve(axis, part.sort_values(AMPLITUDE), foot)
-            if features is not None:
-                _landmarks(axis, features[features["curve"].isin(part["curve"])])
+            for curve in part["curve"].unique():
+                for found in marks.get(curve, ()):
+                    _landmark(axis, found)
             if place + across >= len(parts):
                 axis.set_xlabel(style.label(points, AMPLITUDE))
             if place % across == 0:
@@ -101,24 +105,34 @@ def _curve(axis: "Axes", line: "pd.DataFrame", foot: float | None) -> None:
             low, high = (np.where(end <= foot, foot * 0.99, end) for end in (low, high))
         bands(axis, at, low, high, colour, apart=False)
         drawn = style.marker_style(quantity, colour, marker)
-        axis.plot(at, mean, **drawn, label=style.label(line, quantity).partition(" [")[0])
+        axis.plot(at, mean, **drawn, label=style.title(quantity))
 
 
-def _landmarks(axis: "Axes", features: "pd.DataFrame") -> None:
-    """Mark what is found inside the range of the amplitudes, with the interval of its strain."""
-    for name, (quantity, _, marker, text) in LANDMARKS.items():
-        for _, found in features[features["landmark"] == name].iterrows():
-            if found["censored"] or not found[quantity] > 0:
-                continue
-            axis.hlines(
-                found[quantity], found["strain_ci_low"], found["strain_ci_high"],
-                color="k", linewidth=0.8, zorder=4,
-            )  # fmt: skip
-            axis.plot(
-                found["strain"], found[quantity], color="k", linestyle="none", marker=marker,
-                markersize=8 if marker in "*|" else 5.5, markeredgewidth=1.5 if marker == "|" else 0.4,
-                markeredgecolor="k" if marker == "|" else "w", zorder=5, label=text,
-            )  # fmt: skip
+def _by_curve(features: "pd.DataFrame | None") -> dict[str, list[dict[str, Any]]]:
+    """Return the landmarks inside the range of the amplitudes, by curve."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    if features is not None:
+        # The line begins at the low-strain plateau anyway.
+        shown = [name for name in LANDMARKS if name != "low_strain_plateau"]
+        kept = features[(features["censored"] == "") & features["landmark"].isin(shown)]
+        for row in kept.to_dict("records"):
+            found.setdefault(row["curve"], []).append(row)
+    return found
+
+
+def _landmark(axis: "Axes", found: Mapping[str, Any]) -> None:
+    """Mark a landmark, with the interval of its strain."""
+    quantity, _, marker, text = LANDMARKS[found["landmark"]]
+    if not found[quantity] > 0:
+        return
+    axis.hlines(
+        found[quantity], found["strain_ci_low"], found["strain_ci_high"],
+        color="k", linewidth=0.8, zorder=4,
+    )  # fmt: skip
+    axis.plot(
+        found["strain"], found[quantity], linestyle="none", zorder=5, label=text,
+        **style.mark_style(marker),
+    )  # fmt: skip
 
 
 def _explain(figure: "Figure", axes: "Sequence[Axes]") -> None:

@@ -72,28 +72,34 @@ def grid(
     hidden = 0
     with style.figure(width, height) as figure:
         axes = figure.subplots(rows, across, squeeze=False)
-        for place, panel in enumerate(panels):
-            block, column = divmod(place, across)
-            own = axes[block * len(quantities) : (block + 1) * len(quantities), column]
-            if panel.title and len(panels) > 1:
-                own[0].set_title(style.words(panel.title))
-            for quantity, axis, first in zip(quantities, own, axes[:, 0], strict=False):
-                if axis is not own[0]:
-                    axis.sharex(own[0])
+        firsts = axes[: len(quantities), 0]
+        own = [
+            axes[block * len(quantities) : (block + 1) * len(quantities), column]
+            for block in range(blocks)
+            for column in range(across)
+        ]
+        for column in own[: len(panels)]:
+            for axis, first in zip(column, firsts, strict=True):
+                if axis is not column[0]:
+                    axis.sharex(column[0])
                 if axis is not first:
                     axis.sharey(first)
-                places = style.scale_x(axis, panel.points[panel.x])
-                foot = style.scale_y(axis, shown, [quantity])
-                axis.tick_params(labelleft=column == 0, labelbottom=axis is own[-1])
-                if column == 0:
+        feet = [style.scale_y(a, shown, [q]) for a, q in zip(firsts, quantities, strict=True)]
+        for place, (panel, column) in enumerate(zip(panels, own, strict=False)):
+            places = style.scale_x(column[0], panel.points[panel.x])
+            if panel.title and len(panels) > 1:
+                column[0].set_title(style.words(panel.title))
+            for quantity, axis, foot in zip(quantities, column, feet, strict=True):
+                axis.tick_params(labelleft=place % across == 0, labelbottom=axis is column[-1])
+                if place % across == 0:
                     axis.set_ylabel(style.label(points, quantity))
                 hidden += _lines(axis, panel, quantity, look, places, foot)
                 if decorate is not None:
                     decorate(axis, panel, quantity, places)
             text = style.label(points, panel.x)
-            own[-1].set_xlabel(text.replace(" $", "\n$") if across > _WIDE else text)
-        for column in range(len(panels) - (blocks - 1) * across, across):
-            for axis in axes[-len(quantities) :, column]:
+            column[-1].set_xlabel(text.replace(" $", "\n$") if across > _WIDE else text)
+        for column in own[len(panels) :]:
+            for axis in column:
                 axis.remove()  # the last block is not full
         figure.align_ylabels()
         look.explain(figure)

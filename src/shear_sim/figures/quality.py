@@ -1,12 +1,12 @@
 """The quality of every run: each measure against the strain amplitude, with its limits."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from shear_sim.figures import style
 from shear_sim.figures.style import FloatArray
+from shear_sim.rheology import JUMP, LIMITS
 from shear_sim.variation import AMPLITUDE, by_scene
 
 if TYPE_CHECKING:
@@ -23,11 +23,17 @@ MEASURES = {
     "largest_jump": "largest jump / range of the stress",
     "asymmetry": "asymmetry of the stress tensor",
 }
+_LIMITS = LIMITS | {"largest_jump": (0.0, JUMP)}
 _AROUND_ONE = "surface_internal_ratio"  # on a linear axis
 _LEAST = 1e-17  # where zeros stand on a logarithmic axis
 
 
-def quality(runs: "pd.DataFrame", limits: Mapping[str, tuple[float, float]]) -> "Figure":
+def has_quality(runs: "pd.DataFrame") -> bool:
+    """Whether any run has a value of any measure."""
+    return any(name in runs and runs[name].notna().any() for name in MEASURES)
+
+
+def quality(runs: "pd.DataFrame") -> "Figure":
     """Draw quality measures of all runs, a panel each, against the strain amplitude.
 
     Where the strain amplitude does not vary, the runs stand side by side in a column per scene.
@@ -37,8 +43,6 @@ def quality(runs: "pd.DataFrame", limits: Mapping[str, tuple[float, float]]) -> 
     ----------
     runs : DataFrame
         Table ``runs`` of a study.
-    limits : mapping
-        Lowest and highest good value of each measure; a measure may have none.
 
     Raises
     ------
@@ -58,18 +62,18 @@ def quality(runs: "pd.DataFrame", limits: Mapping[str, tuple[float, float]]) -> 
         axes = figure.subplots(rows, across, squeeze=False, sharex=True).flatten()
         for spare in axes[len(measures) :]:
             spare.remove()
+        if along:
+            style.scale_x(axes[0], runs[AMPLITUDE])
+        else:
+            axes[0].set_xticks([])
         for place, (axis, name) in enumerate(zip(axes, measures, strict=False)):
             for turn, scene in enumerate(scenes):
                 of_scene = table[table["scene"] == scene]
                 at = _places(of_scene, turn, len(scenes), along=along)
                 _points(axis, at, of_scene[name].to_numpy(np.float64), turn)
-            _scale(axis, runs[name], limits.get(name))
-            count = _count(runs[name], limits.get(name))
+            _scale(axis, runs[name], _LIMITS[name])
+            count = _count(runs[name], _LIMITS[name])
             axis.set_title(f"{MEASURES[name]}\n{count}", fontsize=style.SMALL + 0.5)
-            if along:
-                style.scale_x(axis, runs[AMPLITUDE])
-            else:
-                axis.set_xticks([])
             axis.tick_params(labelbottom=along and place + across >= len(measures))
             if along and place + across >= len(measures):
                 axis.set_xlabel(style.label(runs, AMPLITUDE))
@@ -97,11 +101,11 @@ def _points(axis: "Axes", at: FloatArray, values: FloatArray, turn: int) -> None
     )  # fmt: skip
 
 
-def _scale(axis: "Axes", values: "pd.Series[Any]", limits: tuple[float, float] | None) -> None:
+def _scale(axis: "Axes", values: "pd.Series[Any]", limits: tuple[float, float]) -> None:
     """Scale the axis and shade what is beyond the limits."""
     wide = values.name != _AROUND_ONE
     ends = [float(values.min()), float(values.max())]
-    finite = [end for end in limits or () if np.isfinite(end) and (end > 0 or not wide)]
+    finite = [end for end in limits if end > 0 or not wide]
     low, high = min(ends + finite), max(ends + finite)
     if wide:
         axis.set_yscale("log")
@@ -111,17 +115,15 @@ def _scale(axis: "Axes", values: "pd.Series[Any]", limits: tuple[float, float] |
         room = 0.1 * (high - low) or 0.1
         low, high = low - room, high + room
     for end in finite:
-        beyond = high if limits is not None and end == limits[1] else low
+        beyond = high if end == limits[1] else low
         axis.axhspan(end, beyond, color="0.93", zorder=0, linewidth=0)
         axis.axhline(end, color="0.4", linewidth=0.7, linestyle="--", zorder=1)
     axis.set_ylim(low, high)
 
 
-def _count(values: "pd.Series[Any]", limits: tuple[float, float] | None) -> str:
+def _count(values: "pd.Series[Any]", limits: tuple[float, float]) -> str:
     """Return how many runs are beyond the limits."""
     known = values.dropna()
-    if limits is None:
-        return "no limit"
     beyond = int(((known < limits[0]) | (known > limits[1])).sum())
     return f"{beyond:,} of {len(known):,} runs beyond the limit"
 

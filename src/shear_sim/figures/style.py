@@ -62,6 +62,7 @@ UNORDERED = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "
 STORAGE, LOSS = UNORDERED[:2]  # where G' and G'' share a panel
 #: Quantities with open markers and dashed lines.
 OPEN = frozenset({"loss_modulus", "viscosity"})
+_SIGNED = frozenset({"stiffening_ratio", "thickening_ratio"})  # 0 is in the middle of their axes
 _WIDE = 8  # largest / smallest value from which an axis of a parameter is logarithmic
 _FEW = 5  # values of a parameter that are labelled themselves
 _NEAR = 0.15  # of the axis: values nearer to one another have no room for their labels
@@ -174,12 +175,28 @@ def marker_style(quantity: str, colour: Any, marker: str) -> dict[str, Any]:
     return drawn
 
 
+def mark_style(marker: str) -> dict[str, Any]:
+    """Return how a mark on a line is drawn: black, with a white edge where it has an area."""
+    if marker == "|":
+        return {"marker": marker, "markersize": 8, "markeredgewidth": 1.5, "color": "k"}
+    size = 8.5 if marker == "*" else 5.5
+    return {
+        "marker": marker, "markersize": size, "markeredgewidth": 0.4, "markeredgecolor": "w",
+        "color": "k",
+    }  # fmt: skip
+
+
 def label(points: "pd.DataFrame", name: str) -> str:
     """Return the axis label of a column (a quantity's without ``_mean``), with its unit."""
     units = points.attrs.get("units", {})
     unit = units.get(name, units.get(f"{name}_mean", ""))
-    text = _SYMBOLS.get(name, short_name(name))
+    text = title(name)
     return f"{text} [{unit}]" if unit and unit != "1" else text
+
+
+def title(name: str) -> str:
+    """Return the name of a parameter or quantity with its symbol."""
+    return _SYMBOLS.get(name, short_name(name))
 
 
 def symbol(key: str) -> str:
@@ -246,7 +263,7 @@ def scale_x(axis: "Axes", values: "pd.Series[Any]") -> "Mapping[Any, int] | None
             axis.tick_params("x", rotation=35)
         axis.set_xlim(-0.5, len(names) - 0.5)
         return {name: place for place, name in enumerate(names)}
-    from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
+    from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
     few = np.unique(values.dropna().to_numpy(dtype=np.float64))
     positive = few[few > 0]
@@ -259,13 +276,12 @@ def scale_x(axis: "Axes", values: "pd.Series[Any]") -> "Mapping[Any, int] | None
     elif is_wide(values) and few[0] >= 0:
         axis.set_xscale("symlog", linthresh=positive[0], linscale=0.5)
         axis.set_xlim(-0.3 * positive[0], 1.4 * positive[-1])
-        axis.xaxis.set_minor_locator(NullLocator())
         places = np.log(np.maximum(few, positive[0] / 3))
     crowded = len(few) > 1 and np.diff(places).min() < _NEAR * np.ptp(places)
     if 1 < len(few) <= _FEW and not crowded:  # label the values themselves
         axis.xaxis.set_major_locator(FixedLocator(few.tolist()))
         axis.xaxis.set_major_formatter(FixedFormatter([value_text(v) for v in few.tolist()]))
-        axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.xaxis.set_minor_locator(NullLocator())
     return None
 
 
@@ -278,6 +294,11 @@ def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> f
 
     mean, low, high = values("mean"), values("ci_low"), values("ci_high")
     positive = mean[mean > 0]
+    if _SIGNED.issuperset(quantities):
+        if len(mean):  # a wild interval, of a ratio to nearly nothing, is cut
+            room = 0.1 * float(np.ptp(mean)) or 0.1
+            axis.set_ylim(float(mean.min()) - room, float(mean.max()) + room)
+        return None
     # Mostly negative (a stress under negative shear) is better read on a linear axis; so is a
     # quantity that hardly changes.
     if 2 * len(positive) < len(mean) or len(mean) == 0 or positive.max() / positive.min() < 5:
@@ -295,7 +316,7 @@ def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> f
 
 def log_ticks(axis: "Axis", low: float, high: float) -> None:
     """Label each decade; over less than two decades 1, 2 and 5 of each, as plain numbers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     if high / low < 100:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -303,4 +324,5 @@ def log_ticks(axis: "Axis", low: float, high: float) -> None:
     else:
         decades = math.ceil(math.log10(high / low))
         axis.set_major_locator(LogLocator(numticks=max(4, min(decades + 2, 12))))
-    axis.set_minor_formatter(NullFormatter())
+    # Ticks between are most of what a figure of many panels costs, and no one counts them.
+    axis.set_minor_locator(NullLocator())

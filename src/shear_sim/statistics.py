@@ -164,7 +164,8 @@ def intervals(
     else:
         found = _bootstrap(statistic, sizes, counted, estimate, level, resamples, seed)
     return [
-        Interval(*f[:7], error=float(e), freedom=float(v))
+        # Equal replicates differ by rounding at most, and that is no error.
+        Interval(*f, error=0.0 if f[3] == "equal" else float(e), freedom=float(v))
         for f, e, v in zip(found, errors, freedom, strict=True)
     ]
 
@@ -292,7 +293,8 @@ def _bootstrap(
                 continue
             why = "BCa is undefined for these replicates"
         else:
-            why = f"{undefined:.0%} of the resamples have no value within what was measured"
+            share = "under 1 %" if undefined < 0.01 else f"{100 * undefined:.0f} %"
+            why = f"{share} of the resamples have no finite value"
         # Sorted with the infinite ones at the ends, not interpolated with them.
         known = drawn[q][~np.isnan(drawn[q])]
         if len(known) == 0:

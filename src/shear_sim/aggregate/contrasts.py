@@ -38,7 +38,6 @@ COMPARED = {
     "half_loss": ("strain",),
     "loss_peak": ("strain", "loss_modulus"),
     "soft_plateau": ("strain", "storage_modulus"),
-    "first_crossover": ("strain",),
     "yield": ("strain", "storage_modulus", "total_stress"),
     "nonlinearity_onset": ("strain",),
 }
@@ -92,9 +91,9 @@ def contrasts_table(
 
 def find_comparisons(planned: "pd.DataFrame", parameters: Sequence[Column]) -> Iterator[Comparison]:
     """Yield what a study allows to compare: scenes first, then parameter by parameter."""
-    points = planned.drop_duplicates("point")
-    reference = variation(points).reference
     keys = [parameter.name for parameter in parameters if parameter.name != AMPLITUDE]
+    points = planned.drop_duplicates("point").sort_values(["scene", *keys], kind="stable")
+    reference = variation(points).reference
     table = by_scene(points.drop_duplicates("curve"))[["curve", "scene", *keys]]
     scenes = list(dict.fromkeys(table["scene"]))
     of = {scene: table[table["scene"] == scene] for scene in scenes}
@@ -262,6 +261,7 @@ def _rows(
         }
         | _estimate(one, comparison.effect, [n for n, no in zip(names, gone, strict=True) if no])
         for (landmark, quantity, amplitude), one, gone in zip(keys, estimates, lost.T, strict=True)
+        if not gone.all()  # a landmark that none of the curves has
     ]
 
 

@@ -89,7 +89,9 @@ def contrasts_table(
     return frame(data, columns)
 
 
-def find_comparisons(planned: "pd.DataFrame", parameters: Sequence[Column]) -> Iterator[Comparison]:
+def find_comparisons(
+    planned: "pd.DataFrame", parameters: Sequence[Column]
+) -> Iterator[Comparison]:
     """Yield what a study allows to compare: scenes first, then parameter by parameter."""
     keys = [parameter.name for parameter in parameters if parameter.name != AMPLITUDE]
     points = planned.drop_duplicates("point").sort_values(["scene", *keys], kind="stable")

@@ -28,7 +28,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: Tables with a row per point: the name of their figures, and quantities of each figure.
-_POINTS = {
+_POINTS: dict[str, dict[str, tuple[str, ...]]] = {
     "curves": {
         "moduli": ("storage_modulus", "loss_modulus"),
         "large_amplitude": ("third_harmonic_ratio", "stiffening_ratio", "thickening_ratio"),

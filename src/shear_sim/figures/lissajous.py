@@ -53,8 +53,8 @@ def lissajous(points: "pd.DataFrame", harmonics: "pd.DataFrame", kind: Kind) -> 
         If the points form no curves over the strain amplitude.
     """
     table, key = curve_table(points)
-    mean = harmonics.groupby(["point", "harmonic"])[["storage_modulus", "loss_modulus"]].mean()
-    table = table[table["point"].isin(mean.index.get_level_values("point"))]
+    waves = _mean_waves(harmonics)
+    table = table[table["point"].isin(list(waves))]
     scenes = list(dict.fromkeys(table["scene"]))
     amplitudes, values = in_order(table[AMPLITUDE]), [None]
     if key is not None:
@@ -72,9 +72,7 @@ def lissajous(points: "pd.DataFrame", harmonics: "pd.DataFrame", kind: Kind) -> 
             axis.set_ylabel(style.label(points, key) if key is not None else "")
             axis.set_title(style.words(str(scene)))
             cycles = [
-                _cycle(
-                    (columns.index(amplitude), rows.index(value)), mean.loc[name], amplitude, kind
-                )
+                _cycle((columns.index(amplitude), rows.index(value)), waves[name], amplitude, kind)
                 for name, amplitude, value in _cells(table[table["scene"] == scene], key)
                 if amplitude in columns and value in rows
             ]
@@ -103,7 +101,7 @@ def _frame(axis: "Axes", columns: "list[Any]", rows: "list[Any]") -> None:
     axis.set_xticks(range(len(columns)), [style.value_text(value) for value in columns])
     texts = [] if rows == [None] else [style.value_text(value) for value in rows]
     axis.set_yticks(range(len(texts)), texts)
-    lines = {"color": "0.88", "linewidth": 0.5, "zorder": 0}
+    lines: dict[str, Any] = {"color": "0.88", "linewidth": 0.5, "zorder": 0}
     axis.hlines(np.arange(len(rows) + 1) - 0.5, -0.5, len(columns) - 0.5, **lines)
     axis.vlines(np.arange(len(columns) + 1) - 0.5, -0.5, len(rows) - 0.5, **lines)
 
@@ -117,11 +115,21 @@ def _cells(points: "pd.DataFrame", key: str | None) -> "Iterator[tuple[str, floa
         yield name, amplitude, None if key is None else value
 
 
+def _mean_waves(harmonics: "pd.DataFrame") -> "dict[str, tuple[FloatArray, FloatArray]]":
+    """Return G'_n and G''_n of each point, (H,) each: means over its replicates."""
+    mean = harmonics.groupby(["point", "harmonic"])[["storage_modulus", "loss_modulus"]].mean()
+    storage, loss = (mean[name].unstack("harmonic") for name in mean)
+    return {
+        str(point): (s, l)
+        for point, s, l in zip(storage.index, storage.to_numpy(), loss.to_numpy(), strict=True)
+    }
+
+
 def _cycle(
-    place: tuple[int, int], mean: "pd.DataFrame", amplitude: float, kind: Kind
+    place: tuple[int, int], wave: tuple[FloatArray, FloatArray], amplitude: float, kind: Kind
 ) -> dict[str, FloatArray]:
     """Return the corners (rows, 2) of a loop, of its elastic or viscous part and of its ellipse."""
-    storage, loss = (mean[name].to_numpy() for name in ("storage_modulus", "loss_modulus"))
+    storage, loss = wave
     cycle = loop(storage, loss, strain_amplitude=amplitude)
     first = loop(storage[:1], loss[:1], strain_amplitude=amplitude)
     largest = np.abs(cycle["stress"]).max() or 1.0  # no stress at all: a line at zero

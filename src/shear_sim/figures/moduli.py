@@ -108,9 +108,9 @@ def _curve(axis: "Axes", line: "pd.DataFrame", foot: float | None) -> None:
         axis.plot(at, mean, **drawn, label=style.title(quantity))
 
 
-def _by_curve(features: "pd.DataFrame | None") -> dict[str, list[dict[str, Any]]]:
+def _by_curve(features: "pd.DataFrame | None") -> dict[str, list[Mapping[Any, Any]]]:
     """Return the landmarks inside the range of the amplitudes, by curve."""
-    found: dict[str, list[dict[str, Any]]] = {}
+    found: dict[str, list[Mapping[Any, Any]]] = {}
     if features is not None:
         # The line begins at the low-strain plateau anyway.
         shown = [name for name in LANDMARKS if name != "low_strain_plateau"]
@@ -120,7 +120,7 @@ def _by_curve(features: "pd.DataFrame | None") -> dict[str, list[dict[str, Any]]
     return found
 
 
-def _landmark(axis: "Axes", found: Mapping[str, Any]) -> None:
+def _landmark(axis: "Axes", found: Mapping[Any, Any]) -> None:
     """Mark a landmark, with the interval of its strain."""
     quantity, _, marker, text = LANDMARKS[found["landmark"]]
     if not found[quantity] > 0:

@@ -289,8 +289,9 @@ def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> f
     """Scale an axis of quantities; return the foot of a logarithmic one, None for a linear one."""
 
     def values(part: str) -> FloatArray:
-        found = np.concatenate([shown[f"{q}_{part}"].to_numpy(np.float64) for q in quantities])
-        return found[np.isfinite(found)]
+        columns = [shown[f"{quantity}_{part}"].to_numpy(np.float64) for quantity in quantities]
+        found: FloatArray = np.concatenate(columns)
+        return np.asarray(found[np.isfinite(found)])
 
     mean, low, high = values("mean"), values("ci_low"), values("ci_high")
     positive = mean[mean > 0]

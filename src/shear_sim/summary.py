@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 from shear_sim.statistics import SMALLEST_BOOTSTRAP
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 #: Tables with more points than this are shown by the ends of their curves.
 MOST_ROWS = 30
-_WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
+WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
 _PLAIN_WIDTH = 240  # of a line where the output is no terminal: it is cut by nobody
 #: Tables with a row per point, and what of them is shown.
 _SHOWN = {
@@ -30,6 +31,8 @@ _LANDMARKS = {
 }
 _SIGNIFICANT = 0.05
 
+InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows
+
 
 def print_summary(tables: "Mapping[str, pd.DataFrame]", console: "Console | None" = None) -> None:
     """Print the tables of `shear_sim.aggregate.aggregate` in short.
@@ -42,25 +45,35 @@ def print_summary(tables: "Mapping[str, pd.DataFrame]", console: "Console | None
     console = console or Console()
     if not console.is_terminal:
         console = Console(file=console.file, width=_PLAIN_WIDTH, color_system=None, soft_wrap=True)
-    shown: list[Any] = []
-    for name in _SHOWN:
-        if name in tables:
-            shown.append(_points(tables[name], name))
-    if len(tables.get("features", ())):
-        shown.append(_features(tables["features"], tables["curves"]))
-    if len(tables.get("contrasts", ())):
-        shown.append(_contrasts(tables["contrasts"]))
-    for title, headings, rows in shown:
-        if rows:
-            console.print(_grid(title, headings, rows, plain=not console.is_terminal))
-    for line in _notes(tables):
+    for title, headings, rows in in_short(tables):
+        console.print(_grid(title, headings, rows, plain=not console.is_terminal))
+    for line in notes(tables):
         console.print(line, highlight=False)
+
+
+def in_short(tables: "Mapping[str, pd.DataFrame]") -> list[InShort]:
+    """Return what a reader wants first of the tables: title, headings and rows of each.
+
+    Columns that are empty throughout are left out.
+    """
+    found = [_points(tables[name], name) for name in _SHOWN if name in tables]
+    if len(tables.get("features", ())):
+        found.append(_features(tables["features"], tables["curves"]))
+    if len(tables.get("contrasts", ())):
+        found.append(_contrasts(tables["contrasts"]))
+    shown = []
+    for title, headings, rows in found:
+        if rows:
+            used = [any(column) for column in zip(*rows, strict=True)]
+            kept = [list(compress(row, used)) for row in rows]
+            shown.append((title, list(compress(headings, used)), kept))
+    return shown
 
 
 def _grid(
     title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, plain: bool
 ) -> Any:
-    """Return a table to print, without the columns that are empty."""
+    """Return a table to print."""
     from rich import box
     from rich.table import Table
 
@@ -71,19 +84,15 @@ def _grid(
         box=None if plain else box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    used = [c for c, column in enumerate(zip(*rows, strict=True)) if any(column)]
-    for c in used:
-        words = headings[c] in _WORDS
-        grid.add_column(headings[c], justify="left" if words else "right", no_wrap=not words)
+    for heading in headings:
+        words = heading in WORDS
+        grid.add_column(heading, justify="left" if words else "right", no_wrap=not words)
     for row in rows:
-        grid.add_row(*[row[c] for c in used])
+        grid.add_row(*row)
     return grid
 
 
-_Grid = tuple[str, list[str], list[list[str]]]
-
-
-def _points(points: "pd.DataFrame", name: str) -> _Grid:
+def _points(points: "pd.DataFrame", name: str) -> InShort:
     """Return what is shown of a table with a row per point: title, headings, rows."""
     plan = variation(points)
     table = by_scene(points)
@@ -120,7 +129,7 @@ def _scene(row: Any, table: "pd.DataFrame") -> list[str]:
     return [str(row["scene"]) if table["scene"].nunique() > 1 else ""]
 
 
-def _features(features: "pd.DataFrame", curves: "pd.DataFrame") -> _Grid:
+def _features(features: "pd.DataFrame", curves: "pd.DataFrame") -> InShort:
     """Return what is shown of the landmarks: a line per curve."""
     plan = variation(curves)
     table = by_scene(features)
@@ -156,7 +165,7 @@ def _landmark(row: Any, quantity: str) -> str:
     return _estimate(row, quantity, quantity)
 
 
-def _contrasts(contrasts: "pd.DataFrame") -> _Grid:
+def _contrasts(contrasts: "pd.DataFrame") -> InShort:
     """Return what is shown of the contrasts: a line per comparison, of landmarks alone."""
     table = contrasts[contrasts["landmark"] != ""]
     keys = [key for key in contrasts if "." in key and table[key].notna().any()]
@@ -233,7 +242,7 @@ def _three_digits(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
+def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     """Return what a reader of the numbers must know."""
     found = [tables[name] for name in _SHOWN if name in tables]
     done, planned, failed, flagged = (

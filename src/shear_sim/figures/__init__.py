@@ -23,10 +23,32 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "branches", "contact_laws", "curves", "draw", "example_run", "has_curves", "has_quality",
+    "CAPTIONS", "branches", "contact_laws", "curves", "draw", "example_run", "has_curves", "has_quality",
     "landmark_parameters", "landmarks", "lissajous", "moduli_with_landmarks", "quality",
 ]  # fmt: skip
 
+#: Every figure that `draw` makes, in the order in which they are read, and what it shows.
+CAPTIONS = {
+    "moduli": "Storage modulus G′ (filled) and loss modulus G″ (open), scene by scene. Lines are "
+    "means over replicates, bands their intervals.",
+    "moduli_with_landmarks": "G′ and G″ of each curve, with its landmarks: where G′ has fallen by "
+    "10 % (softening), the first peak of G″, the plateau that may follow, the last crossing of G′ "
+    "and G″ (yield), and where I₃/I₁ exceeds 1 %. Bars are intervals of their strain.",
+    "moduli_branches": "G′ and G″ against each of the other parameters, all others held.",
+    "landmarks": "Strain, storage modulus and stress of the landmarks.",
+    "landmarks_branches": "The same against each of the other parameters, all others held.",
+    "large_amplitude": "Nonlinearity of the mean response: third harmonic I₃/I₁, strain stiffening "
+    "S = (G′_L − G′_M)/G′_L and shear thickening T = (η′_L − η′_M)/η′_L.",
+    "lissajous_elastic": "One cycle of the mean response at every point, stress against strain. "
+    "The black line is the elastic part of the stress; dashed, the ellipse of G′ and G″ alone.",
+    "lissajous_viscous": "The same cycles, stress against strain rate. The black line is the "
+    "viscous part of the stress.",
+    "steady": "Mean shear stress and viscosity in steady shear.",
+    "steady_branches": "The same against each of the other parameters, all others held.",
+    "example": "One run: strain and shear stress against time, and the loops of its periods.",
+    "quality": "Quality of every run. Shaded: beyond the limits; such runs are flagged, and count "
+    "in all the same.",
+}
 #: Tables with a row per point: the name of their figures, and quantities of each figure.
 _POINTS: dict[str, dict[str, tuple[str, ...]]] = {
     "curves": {
@@ -40,7 +62,9 @@ _POINTS: dict[str, dict[str, tuple[str, ...]]] = {
 def draw(
     tables: "Mapping[str, pd.DataFrame]", folder: Path, example: Mapping[str, Any] | None = None
 ) -> list[Path]:
-    """Draw all figures that ``tables`` allow into ``folder``, as PNG and PDF; return their paths.
+    """Draw all figures that ``tables`` allow into ``folder``, as PNG and PDF.
+
+    Figures of `CAPTIONS` that an earlier call has drawn and these tables do not allow are removed.
 
     Parameters
     ----------
@@ -50,11 +74,19 @@ def draw(
         Made where it does not exist.
     example : mapping, optional
         The arguments of `example_run`.
+
+    Returns
+    -------
+    list of Path
+        The files written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
+    paths: list[Path] = []
     for name, figure in _figures(tables, example):
         paths += style.save(figure, folder / name)
+    for name in CAPTIONS.keys() - {path.stem for path in paths}:
+        for suffix in (".png", ".pdf"):
+            (folder / name).with_suffix(suffix).unlink(missing_ok=True)
     return paths
 
 

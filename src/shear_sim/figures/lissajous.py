@@ -119,10 +119,8 @@ def _mean_waves(harmonics: "pd.DataFrame") -> "dict[str, tuple[FloatArray, Float
     """Return G'_n and G''_n of each point, (H,) each: means over its replicates."""
     mean = harmonics.groupby(["point", "harmonic"])[["storage_modulus", "loss_modulus"]].mean()
     storage, loss = (mean[name].unstack("harmonic") for name in mean)
-    return {
-        str(point): (s, l)
-        for point, s, l in zip(storage.index, storage.to_numpy(), loss.to_numpy(), strict=True)
-    }
+    waves = zip(storage.to_numpy(), loss.to_numpy(), strict=True)
+    return dict(zip(storage.index.astype(str), waves, strict=True))
 
 
 def _cycle(

@@ -23,9 +23,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "CAPTIONS", "branches", "contact_laws", "curves", "draw", "example_run", "has_curves", "has_quality",
-    "landmark_parameters", "landmarks", "lissajous", "moduli_with_landmarks", "quality",
-]  # fmt: skip
+    "CAPTIONS",
+    "branches",
+    "contact_laws",
+    "curves",
+    "draw",
+    "example_run",
+    "landmark_parameters",
+    "landmarks",
+    "lissajous",
+    "moduli_with_landmarks",
+    "quality",
+]
 
 #: Every figure that `draw` makes, in the order in which they are read, and what it shows.
 CAPTIONS = {

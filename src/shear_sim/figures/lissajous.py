@@ -29,6 +29,7 @@ _LOOKS = {
 }
 _MOST_ACROSS, _MOST_ROWS = 14, 12
 _LARGEST_CELL = 0.9  # inches
+_ROWS = 145  # corners of a loop: 2.5° each
 _HALF = 0.39  # of a cell, from its centre to the ends of the loop
 
 
@@ -128,8 +129,8 @@ def _cycle(
 ) -> dict[str, FloatArray]:
     """Return the corners (rows, 2) of a loop, of its elastic or viscous part and of its ellipse."""
     storage, loss = wave
-    cycle = loop(storage, loss, strain_amplitude=amplitude)
-    first = loop(storage[:1], loss[:1], strain_amplitude=amplitude)
+    cycle = loop(storage, loss, strain_amplitude=amplitude, rows=_ROWS)
+    first = loop(storage[:1], loss[:1], strain_amplitude=amplitude, rows=_ROWS)
     largest = np.abs(cycle["stress"]).max() or 1.0  # no stress at all: a line at zero
     x = place[0] + _HALF * cycle[_LOOKS[kind][0]] / amplitude
     stresses = {"loop": cycle["stress"], "part": cycle[kind], "first": first["stress"]}

@@ -1,5 +1,6 @@
 """The quality of every run: each measure against the strain amplitude, with its limits."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,8 +57,8 @@ def quality(runs: "pd.DataFrame") -> "Figure":
     table = by_scene(runs)
     scenes = list(dict.fromkeys(table["scene"]))
     along = AMPLITUDE in runs and runs[AMPLITUDE].nunique() > 1
-    across = min(3, len(measures))
-    rows = -(-len(measures) // across)
+    rows = math.ceil(len(measures) / 3)
+    across = math.ceil(len(measures) / rows)
     with style.figure(style.WIDTHS.get(across, style.DOUBLE), 1.85 * rows + 0.9) as figure:
         axes = figure.subplots(rows, across, squeeze=False, sharex=True).flatten()
         for spare in axes[len(measures) :]:

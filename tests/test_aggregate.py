@@ -277,13 +277,13 @@ def test_one_point(tmp_path):
     tables = aggregate(results.folder)
     assert len(tables["curves"]) == 1
     assert "3 of 3 runs" in printed(tables)
-    assert [path.name for path in results.figures.iterdir()] == ["example.png"]
+    assert {path.stem for path in results.figures.iterdir()} == {"example"}
 
 
 def test_figures_are_drawn_from_the_tables(whole):
     aggregate(whole.folder)
-    names = {path.name for path in whole.figures.iterdir()}
-    assert names == {"moduli.png", "moduli_branches.png", "example.png"}
+    names = {path.stem for path in whole.figures.iterdir()}
+    assert names == {"moduli", "moduli_branches", "example"}
 
 
 def test_the_screen_is_plain_where_it_is_no_terminal(tables):

@@ -232,6 +232,17 @@ def aggregate(
 
 
 @app.command()
+def report(results: ResultsFolder) -> None:
+    """Aggregate a study and write report.html: one page with all of it, to be mailed.
+
+    Example: shear-sim report results/main
+    """
+    from shear_sim.report import write_report
+
+    typer.echo(f"written: {write_report(results)}")
+
+
+@app.command()
 def accuracy(
     study: StudyFile,
     job: Annotated[

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from shear_sim.study import Study
 
 FORMAT = 1  # of result files, plan and index; raised when an older program cannot read them
-INDEX_FORMAT = 2
+INDEX_FORMAT = 3
 STAMPED = ("job", "bytes", "mtime_ns")  # columns by which the index knows a result file again
 
 FailureKind = Literal["physics", "crash", "error"]
@@ -198,7 +198,8 @@ class Results:
 
         Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in
         the study file (``shear.strain_amplitude``), and the rest of the summary with dotted names
-        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
+        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file, but for
+        those of the moduli (harmonics and periods).
         ``bytes`` is the size of that file. Rows are sorted by job id.
 
         Only files that are new, or have another size or time of change than in the kept index, are
@@ -308,8 +309,9 @@ def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
     row |= zip(STAMPED[1:], stamp, strict=True)
     row |= flatten(summary["parameters"])
-    rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
-    return row | flatten(dict(sorted(rest.items())))
+    known = {"format", "job", "parameters", "moduli"}
+    rest = {key: summary[key] for key in sorted(summary.keys() - known)}
+    return row | flatten(rest) | flatten({"moduli": summary.get("moduli", {})}, lists=True)
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "", *, lists: bool = False) -> dict[str, Any]:

@@ -168,11 +168,14 @@ def _landmark(row: Any, quantity: str) -> str:
 def _contrasts(contrasts: "pd.DataFrame") -> InShort:
     """Return what is shown of the contrasts: a line per comparison, of landmarks alone."""
     table = contrasts[contrasts["landmark"] != ""]
-    keys = [key for key in contrasts if "." in key and table[key].notna().any()]
+    keys = [str(key) for key in contrasts if "." in str(key)]
     headings = ["what", "of", "with", *_LANDMARKS.values()]
     rows = []
     groups = table.groupby(["parameter", "scene", "against", "effect"], sort=False, observed=True)
-    for (parameter, scene, _, effect), group in groups:
+    for _, group in groups:
+        parameter, scene, effect = (
+            str(group[name].iloc[0]) for name in ("parameter", "scene", "effect")
+        )
         held = [key for key in keys if group[key].nunique(dropna=False) > 1]
         for _, lines in group.groupby(["values", *held], sort=False, dropna=False):
             first = lines.iloc[0]
@@ -260,6 +263,14 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
             f"{flagged:,} runs are flagged ({', '.join(named) or 'no result'}; columns flags and "
             "flagged of tables/runs); they count in"
         )
+    features = tables.get("features")
+    if features is not None and len(features):
+        of = features[features["landmark"] == "low_strain_plateau"]
+        if steep := int(of["storage_modulus_ci_flag"].str.contains("no plateau").sum()):
+            lines.append(
+                f"{steep:,} of {len(of):,} curves soften before their second amplitude: their "
+                "plateau and softening are those of the smallest amplitude"
+            )
     if orphans := tables["runs"].attrs.get("orphans", 0):
         lines.append(f"{orphans:,} results are of jobs outside the plan; they are not counted")
     weak = sum(

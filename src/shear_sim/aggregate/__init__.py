@@ -33,7 +33,7 @@ __all__ = ["aggregate", "describe_parameter", "load", "make_tables", "save", "wr
 
 
 def aggregate(
-    folder: Path | str, *, figures: bool = True, tensor: str = "periodic"
+    folder: Path | str, *, figures: bool = True, tensor: str | None = None
 ) -> "dict[str, pd.DataFrame]":
     """Turn the results of a study, complete or not, into tables and figures.
 
@@ -43,7 +43,7 @@ def aggregate(
         ``results/<study>``.
     figures : bool
         Whether to draw the figures as well.
-    tensor : {"periodic", "internal", "external"}
+    tensor
         See `make_tables`.
 
     Returns
@@ -88,15 +88,16 @@ def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: 
         raise ResultsError(msg) from error
 
 
-def make_tables(folder: Path | str, *, tensor: str = "periodic") -> "dict[str, pd.DataFrame]":
+def make_tables(folder: Path | str, *, tensor: str | None = None) -> "dict[str, pd.DataFrame]":
     """Return the tables of a study from its results, complete or not; nothing is written.
 
     Parameters
     ----------
     folder : Path or str
         ``results/<study>``.
-    tensor : {"periodic", "internal", "external"}
+    tensor : {"periodic", "internal", "external"}, optional
         The stress tensor whose harmonics make all tables but ``runs``, which has the moduli of all.
+        Default: periodic, unless the plan says otherwise.
 
     Returns
     -------
@@ -115,11 +116,12 @@ def make_tables(folder: Path | str, *, tensor: str = "periodic") -> "dict[str, p
     ValueError
         If there is no such tensor.
     """
+    results = Results.existing(Path(folder))
+    plan, study = results.plan()
+    tensor = tensor or str(study.get("tensor", "periodic"))
     if tensor not in TENSORS:
         msg = f"tensor = {tensor!r}: give one of {', '.join(TENSORS)}"
         raise ValueError(msg)
-    results = Results.existing(Path(folder))
-    plan, study = results.plan()
     index = results.index()
     # Where a plan does not say otherwise, replicate r draws the same numbers at every point.
     seed, paired = int(study["seed"]), bool(study.get("paired", True))

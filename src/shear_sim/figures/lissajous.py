@@ -165,4 +165,5 @@ def _explain(figure: "Figure", kind: Kind) -> None:
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], **drawn) for drawn in _lines(kind).values()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, columnspacing=1.2)
+    columns = 3 if figure.get_figwidth() > 1.2 * style.SINGLE else 2
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)

@@ -220,6 +220,25 @@ def aggregate(
 
 
 @app.command()
+def import_legacy(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILES", help="Output files (.txt, .txt.gz; split: .txt, .rda), or folders."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Results folder to make.")],
+) -> None:
+    """Read output files of particleShear into a results folder, to aggregate as any other.
+
+    Example: shear-sim import-legacy old_runs/*.txt --out results/old
+    """
+    from shear_sim import import_legacy as importing
+
+    typer.echo(importing.import_legacy(files, out))
+
+
+@app.command()
 def accuracy(
     study: StudyFile,
     job: Annotated[
@@ -339,12 +358,13 @@ def main() -> NoReturn:
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
     from shear_sim.document import StudyError
+    from shear_sim.legacy import LegacyError
     from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError
 
-    if isinstance(error, StudyError | PlanError | ResultsError | TableError):
+    if isinstance(error, StudyError | LegacyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)

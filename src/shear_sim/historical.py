@@ -101,14 +101,16 @@ def estimate(
     if not np.isfinite(stress).all():
         msg = f"the shear stress is not finite at sample {np.argmin(np.isfinite(stress))}"
         raise ValueError(msg)
-    used, drift = stress[window], None
+    used = stress[window]
+    drift: float | None = None
+    found: int | None = None
+    largest: float | None = None
     if name == "r-compat":
         used, jumps = without_jumps(used)
         angle = 2 * np.pi * frequency * (time[window] - time[window][0])
         found, largest = len(jumps), float(np.abs(jumps).max(initial=0.0))
     else:
         angle = 2 * np.pi * (time[window] * frequency - pre_periods)
-        found = largest = None
         if name != "no-detrend":
             drift = _drift(time, stress, timing)
             sign = 1.0 if name == "header-compat" else -1.0

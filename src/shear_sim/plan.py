@@ -178,7 +178,13 @@ def make_plan(
         Also run jobs that failed by physics.
     jobs : int, optional
         Number of workers; see `default_workers`.
+
+    Raises
+    ------
+    ResultsError
+        If the results are imported ones.
     """
+    results.refuse_imported()
     points = {job.id: point for point, of in study.groups().items() for job in of}
     part = study.jobs()[shard[0] :: shard[1]]
     finished, failures = results.finished(), results.failures()

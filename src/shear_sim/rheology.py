@@ -238,7 +238,9 @@ def _design(phase: FloatArray, start: int, stop: int, periods: int, harmonics: i
     return _Design(start, stop, periods, drift, matrix, solve)
 
 
-def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) -> dict[str, Any]:
+def summarise(
+    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any], tensor: str = "periodic"
+) -> dict[str, Any]:
     """Return the JSON-ready rheology of one job, the same at run time and in ``aggregate``.
 
     Parameters
@@ -248,6 +250,9 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         shear ``pressure`` [Pa] as well. Series that were not recorded give null.
     protocol : mapping
         The ``protocol`` block of the simulation's summary.
+    tensor : str
+        The one of `TENSORS` by which an oscillatory run is judged: any other than ``periodic`` only
+        for runs that have no periodic one.
 
     Returns
     -------
@@ -273,13 +278,14 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         raise ValueError(msg)
     found: dict[str, Moduli | None] = {}
     reason = None
-    for tensor, name in TENSORS.items():
-        found[tensor] = None
+    for each, name in TENSORS.items():
+        found[each] = None
         if name not in columns:
-            reason = reason or f"the columns that give {name} are not recorded"
+            if each == tensor or each != "periodic":
+                reason = reason or f"the columns that give {name} are not recorded"
             continue
         try:
-            found[tensor] = moduli(
+            found[each] = moduli(
                 columns["time"],
                 columns[name],
                 strain_amplitude=protocol["strain_amplitude"],
@@ -290,9 +296,11 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         except ValueError as error:
             reason = reason or str(error)
     quality = {
-        "baseline_noise": _baseline_noise(columns, protocol, found["periodic"]),
+        "baseline_noise": _baseline_noise(
+            columns["time"], columns.get(TENSORS[tensor]), protocol, found[tensor]
+        ),
         "surface_internal_ratio": _surface_internal_ratio(found["internal"], found["external"]),
-        "cycle_change": _cycle_change(found["periodic"]),
+        "cycle_change": _cycle_change(found[tensor]),
     }
     noise, ratio = quality["baseline_noise"], quality["surface_internal_ratio"]
     flags: dict[str, Any] = {
@@ -300,7 +308,7 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         "surface_internal_differ": None if ratio is None else abs(ratio - 1.0) > SURFACE_LIMIT,
         "no_moduli": reason,
     }
-    as_json = {tensor: None if fit is None else _jsonable(fit) for tensor, fit in found.items()}
+    as_json = {each: None if fit is None else _jsonable(fit) for each, fit in found.items()}
     return {"moduli": as_json, "quality": quality, "flags": flags}
 
 
@@ -310,14 +318,16 @@ def _jsonable(fit: Moduli) -> dict[str, Any]:
 
 
 def _baseline_noise(
-    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any], fit: Moduli | None
+    time: FloatArray,
+    stress: FloatArray | None,
+    protocol: Mapping[str, Any],
+    fit: Moduli | None,
 ) -> float | None:
     """Return the peak-to-peak stress of the last third of the first rest / stress amplitude."""
-    if fit is None or fit.total == 0.0:
+    if stress is None or fit is None or fit.total == 0.0:
         return None
-    time, start = columns["time"], protocol["shear_start"]
-    edge = _EDGE * protocol["period"]
-    rest = columns["shear_stress"][(time >= start * 2 / 3 - edge) & (time < start - edge)]
+    start, edge = protocol["shear_start"], _EDGE * protocol["period"]
+    rest = stress[(time >= start * 2 / 3 - edge) & (time < start - edge)]
     # One record has no peak-to-peak: not a quiet baseline, but none.
     return float(np.ptp(rest) / fit.total) if len(rest) > 1 else None
 

@@ -1,0 +1,492 @@
+"""Runs of the historical program particleShear as a study of ours: a results folder to aggregate.
+
+An imported run keeps what it is. Its id is the hash of its own header, never that of a job of ours;
+its ``run`` block names the program and the files; it has no seed and no physics version, so it
+cannot be repeated. Its parameters are those of our model with the historical options, which gives
+old and new studies the same columns. G' and G'' are of the internal tensor: the program kept no
+periodic one. Its packings were drawn anew for every run, so points are not paired.
+"""
+
+import hashlib
+import json
+import math
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from pydantic import ValidationError
+
+from shear_sim import models
+from shear_sim.config import all_complaints
+from shear_sim.design import apply, changes_of
+from shear_sim.document import NOTHING, Problem, dotted, round12
+from shear_sim.historical import estimate
+from shear_sim.legacy import FloatArray, Header, LegacyError, find_runs, read_series
+from shear_sim.results import FORMAT, Results, ResultsError, flatten, plan_table
+from shear_sim.rheology import TENSORS, summarise
+from shear_sim.runner import environment
+from shear_sim.screen import Screen, duration
+from shear_sim.study import Labels, parameters, read_study
+from shear_sim.tables import TableError, read_summary, write_arrow, write_table, write_whole
+
+PROGRAM = "particleShear"
+MODEL = "microgel"
+TENSOR = "internal"  # the one that the historical analysis evaluated
+HEADER_TOLERANCE = 1e-6  # relative, of the moduli that a header prints
+
+_SCENES = {"crosslinked": ("cells", "lines"), "bulk": ("bulk",), "uncrosslinked": ("none",)}
+_SCRIPT = """\
+# Runs of particleShear: {runs}, from {first} on, by `shear-sim import-legacy`.
+# As a study of its own it asks for the same points with the historical options, of which only the
+# contact law is not in the headers: `shear-sim sweep` makes new runs of it, in another folder.
+
+"""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import has made: the folder, how many runs of how many points, and what is odd.
+
+    ``differing`` are the ids of the runs whose headers print other moduli than their series give.
+    """
+
+    folder: Path
+    runs: int
+    points: int
+    cpu_s: float
+    differing: tuple[str, ...]
+
+    def __str__(self) -> str:
+        cpu = f"{duration(self.cpu_s)} of CPU, {self.cpu_s / self.runs:.2g} s each"
+        lines = [f"imported: {self.runs:,} runs, {self.points:,} points: {self.folder} ({cpu})"]
+        if self.differing:
+            lines.append(
+                f"  {len(self.differing):,} of them print other moduli than their series give "
+                f"(checks.header_moduli), the first: {self.differing[0]}"
+            )
+        lines.append(f"next: shear-sim aggregate {self.folder}")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run to import: its header, and its place in the study."""
+
+    header: Header
+    parameters: dict[str, Any]
+    point: str
+    replicate: int
+    labels: Labels
+
+    @property
+    def id(self) -> str:
+        return self.header.identity
+
+    @property
+    def job(self) -> dict[str, Any]:
+        """The block ``job`` of its summary."""
+        identity = {"id": self.id, "replicate": self.replicate, "seed": None}
+        return {**identity, "model": MODEL, "physics_version": None, "point": self.point}
+
+
+def import_legacy(files: Iterable[Path], out: Path, screen: Screen | None = None) -> Imported:
+    """Turn output files of particleShear into a results folder.
+
+    The folder comes into being whole, at the end. What is read before that waits in
+    ``<out>.importing``, and is not read again when the import is repeated.
+
+    Parameters
+    ----------
+    files : iterable of Path
+        See `shear_sim.legacy.find_runs`.
+    out : Path
+        The results folder; its name becomes that of the study.
+
+    Raises
+    ------
+    LegacyError
+        With everything that is wrong with the files; ``out`` is not made then.
+    ResultsError
+        If ``out`` exists, or cannot be written.
+    """
+    cpu = time.process_time()
+    if out.exists():
+        msg = f"{out}: exists already; delete it, or give --out another name"
+        raise ResultsError(msg)
+    headers, problems = find_runs(files)
+    sections = {header.identity: study_sections(header.values) for header in headers}
+    for header in headers:
+        problems += _complaints(header, sections[header.identity])
+    if problems or not headers:
+        raise LegacyError(problems or [Problem(out, None, "", NOTHING, "no files to import")])
+    text = study_text(sections.values(), first=headers[0].source.header.name)
+    runs, varied = _place(headers, sections, text)
+    staging = Results(out.with_name(f"{out.name}.importing"))
+    try:
+        staging.jobs.mkdir(parents=True, exist_ok=True)
+        differing = _import_runs(runs, staging, screen or Screen())
+        _finish(runs, varied, text, staging, out)
+    except OSError as error:
+        msg = f"{out}: cannot be written ({error})"
+        raise ResultsError(msg) from error
+    points = len({run.point for run in runs})
+    return Imported(out, len(runs), points, time.process_time() - cpu, differing)
+
+
+def study_sections(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sections of a study file that ask for a run with this header.
+
+    The steps of the program are left out: it chose them by amplitude and friction, and ours are
+    others for the same physics.
+    """
+    links: dict[str, Any] = {"cut": "none"}
+    if values["do_permanent_links"]:
+        links = {
+            "cut_top_bottom": values["cut_top_bottom"],
+            "remove_fraction": values["remove_link_fraction"],
+            "stretched_tangential_dashpot": False,
+        }
+        cuts, avoided = values["cut_lines"], values["avoid_height_spanning_particles"]
+        if cuts <= 0:
+            links |= {"cut": "bulk"}
+        elif values["doCutByTriangulation"]:
+            fuzziness = {"edge_fuzziness": values["edge_fuzziness"]}
+            # With a single point it could never be avoided, and was not.
+            links |= {"cut": "cells", "cuts": cuts, **fuzziness}
+            links |= {"avoid_height_spanning": avoided and cuts > 1}
+        else:
+            angle = {"avoid_angle": values["avoid_horizontal_angle_degree"]}
+            links |= {"cut": "lines", "cuts": cuts, "avoid_height_spanning": avoided, **angle}
+    sections = {
+        "cell": {
+            "width": values["width"] * 1e-6,
+            "height": values["height"] * 1e-6,
+            "boundary": "plates",
+        },
+        "packing": {
+            "discs": values["N"],
+            "packing_fraction": values["packing_fraction"],
+            "size_ratio": values["bimodal_factor"],
+            "density": values["density"],
+        },
+        "model": {
+            "young_modulus": values["Young_modulus_spheres"],
+            "friction": values["mu"],
+            "relative_viscosity": values["relative_viscosity"],
+            "tangential_ratio": values["relative_transversal_link_strength"],
+            "contact_law": {
+                "kind": "divergent",
+                "repulsion": values["central_repulsion_coefficient"],
+            },
+            "sliding": "reset",
+            "lever_arms": "particleshear",
+            "contacts": {
+                "normal_factor": values["interface_reenforcement_central"],
+                "tangential_factor": values["interface_reenforcement_tangential"],
+            },
+            "links": links,
+            "scale_viscosity": not values["keep_viscosity_coefficients_constant"],
+            "damping": {"decay": values["cool_factor"], "spin": "zero"},
+        },
+        "shear": {
+            "strain_amplitude": values["amplitude"],
+            "relative_frequency": values["relative_frequency"],
+            "pre_periods": values["pre_periods"],
+            "periods": values["periods"],
+            "post_periods": values["post_periods"],
+        },
+    }
+    rounded: dict[str, Any] = _rounded(sections)
+    return rounded
+
+
+def _rounded(tree: Any) -> Any:
+    if isinstance(tree, dict):
+        return {name: _rounded(value) for name, value in tree.items()}
+    return round12(tree) if isinstance(tree, float) else tree
+
+
+def _complaints(header: Header, sections: dict[str, Any]) -> list[Problem]:
+    """Return what our model objects to in a run; names are those of our study files."""
+    point = models.model(MODEL).POINT
+    try:
+        point.model_validate(sections)
+    except ValidationError as error:
+        where = header.source.header
+        return [
+            Problem(where, None, dotted(complaint.keys[0]), NOTHING, complaint.message)
+            for complaint in all_complaints(error, point, sections)
+        ]
+    return []
+
+
+def study_text(points: Iterable[dict[str, Any]], *, first: str) -> str:
+    """Return the study file that asks for these points, each given as its sections.
+
+    What all points share is the base, what those of a scene share its scene; the rest is a grid
+    where the points fill one, else a list.
+    """
+    counts = Counter(json.dumps(flatten(point)) for point in points)
+    leaves = [json.loads(text) for text in counts]
+    base = _shared(leaves)
+    scenes: dict[str, dict[str, Any]] = {}
+    blocks: dict[str, tuple[dict[str, Any], list[str]]] = {}
+    for scene, cuts in _SCENES.items():
+        inside = [point for point in leaves if point["model.links.cut"] in cuts]
+        if not inside:
+            continue
+        shared = _shared(inside)
+        scenes[scene] = {key: value for key, value in shared.items() if key not in base}
+        rest = [{k: v for k, v in point.items() if k not in shared} for point in inside]
+        axes = _axes(rest)
+        blocks.setdefault(json.dumps(axes), (axes, []))[1].append(scene)
+    sweep = [{"name": "_".join(names), "scenes": names, **axes} for axes, names in blocks.values()]
+    study = {
+        **apply({}, changes_of(base, ())),
+        "scenes": scenes,
+        "sweep": sweep,
+        "replicates": max(counts.values()),
+    }
+    text: str = yaml.safe_dump(study, sort_keys=False, default_flow_style=None, width=88)
+    return _SCRIPT.format(runs=sum(counts.values()), first=first) + text
+
+
+def _shared(points: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what all points have, with the same value."""
+    return {
+        key: value
+        for key, value in points[0].items()
+        if all(key in point and point[key] == value for point in points)
+    }
+
+
+def _axes(points: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the axes of a block that makes these points."""
+    keys = list(dict.fromkeys(key for point in points for key in point))
+    if not keys:
+        return {}
+    values = {key: sorted({point[key] for point in points if key in point}) for key in keys}
+    full = all(len(point) == len(keys) for point in points)
+    if full and math.prod(len(of_key) for of_key in values.values()) == len(points):
+        return {"grid": values}
+    return {"list": sorted(points, key=lambda point: json.dumps(point))}
+
+
+def _place(
+    headers: Sequence[Header], sections: Mapping[str, dict[str, Any]], text: str
+) -> tuple[list[_Run], list[str]]:
+    """Return the runs with their places in the study, and what varies between its points."""
+    study = read_study(text.encode(), Path("study.yaml"))
+    known = {json.dumps(json.loads(point.json), sort_keys=True): point for point in study.points}
+    taken: Counter[str] = Counter()
+    runs = []
+    for header in sorted(headers, key=lambda h: (h.source.header.name, h.identity)):
+        point = models.model(MODEL).POINT.model_validate(sections[header.identity]).resolved()
+        values = parameters(point)
+        key = json.dumps(values, sort_keys=True)
+        name = hashlib.sha256(f"{PROGRAM} {key}".encode()).hexdigest()[:16]
+        steps = round(1 / (header.values["frequency"] * header.values["time_step"]))
+        values["integrator"] = {"scheme": "semi_implicit_euler", "steps_per_period": steps}
+        runs.append(_Run(header, values, name, taken[name], known[key].labels))
+        taken[name] += 1
+    return runs, list(study.varied)
+
+
+def _import_runs(runs: Sequence[_Run], staging: Results, screen: Screen) -> tuple[str, ...]:
+    """Write the result files that are missing; return the ids of those with odd headers."""
+    differing: list[str] = []
+    problems: list[Problem] = []
+    version = environment()["version"]
+    screen.start(len(runs))
+    began = time.monotonic()
+    try:
+        for done, run in enumerate(runs, 1):
+            path = staging.job_file(run.id)
+            try:
+                summary = read_summary(path)
+                if summary["job"] != run.job or summary["run"]["version"] != version:
+                    raise TableError
+            except TableError:
+                try:
+                    summary = _import_run(run, path)
+                except LegacyError as error:
+                    problems += error.problems
+                    continue
+            difference = summary["checks"]["header_moduli"]
+            if difference is not None and difference > HEADER_TOLERANCE:
+                differing.append(run.id)
+            left = (time.monotonic() - began) / done * (len(runs) - done)
+            screen.update(done, len(problems), len(runs), left)
+    finally:
+        screen.stop()
+    if problems:
+        note = (
+            f"the other {len(runs) - len(problems):,} runs wait in {staging.folder}: mend these "
+            "files or leave them out, and give the same command again"
+        )
+        raise LegacyError(problems, note)
+    return tuple(differing)
+
+
+def _import_run(run: _Run, path: Path) -> dict[str, Any]:
+    """Read one run, write its result file, and return its summary."""
+    cpu = time.process_time()
+    values = run.header.values
+    stored = read_series(run.header)
+    columns = {**stored, **models.model(MODEL).derive(stored)}
+    protocol = _protocol(run.header, columns)
+    summary = {
+        "format": FORMAT,
+        "job": run.job,
+        "parameters": run.parameters,
+        "derived": {
+            "spring_constant": math.pi / 8 * values["Young_modulus_spheres"],
+            "time_constant": values["relative_frequency"] / values["frequency"],
+            "frequency": values["frequency"],
+            "large_radius": values["large_radius"] * 1e-6,
+            "small_radius": values["large_radius"] / values["bimodal_factor"] * 1e-6,
+            "width": values["width"] * 1e-6,
+            "height": values["height"] * 1e-6,
+        },
+        "protocol": protocol,
+        "preparation": {"removed_fraction": values.get("removed_fraction")},
+        "checks": {
+            "asymmetry_internal": _asymmetry(columns),
+            "header_moduli": _header_moduli(values, columns, protocol),
+            "steps": len(columns["time"]) - 1,
+        },
+        **summarise(columns, protocol, TENSOR),
+        "header": {
+            tensor: dict(zip(("storage", "loss"), map(values.get, names), strict=True))
+            for tensor, names in _PRINTED.items()
+        },
+        "run": {
+            "program": PROGRAM,
+            "file": run.header.source.header.name,
+            "table": run.header.source.table.name,
+            "assumed": ", ".join(("contact law", *run.header.assumed)),
+            "imported": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "import_cpu_s": round(time.process_time() - cpu, 6),
+            **environment(),
+        },
+    }
+    write_table(path, stored, models.model(MODEL).COLUMNS, summary)
+    return summary
+
+
+#: What a header prints, by tensor: G' and G'' [Pa].
+_PRINTED = {
+    "internal": ("G'", "G''"),
+    "external": ("G'(by surface force)", "G''(by surface force)"),
+}
+
+
+def _protocol(header: Header, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
+    """Return the protocol of a run; its phase is that of the strain in the table.
+
+    The program adds the rate of each step to the strain after the stress is measured: its strain,
+    and the discs with it, lag A sin θ by half a step. The start of the shear is where the sine that
+    is fitted to the strain begins; ``frequency``, ``pre_periods`` and ``post_periods`` are those of
+    the header, from which the historical estimators take their windows.
+
+    Raises
+    ------
+    LegacyError
+        If the strain is not that of the header: amplitude off by a percent, or phase by a hundredth
+        of a turn (and a step).
+    """
+    values = header.values
+    frequency, pre, periods = (values[name] for name in ("frequency", "pre_periods", "periods"))
+    amplitude, time_step, time = values["amplitude"], values["time_step"], columns["time"]
+    lag = 0.0
+    if (whole := math.floor(periods)) >= 1:
+        turns = time * frequency - pre
+        moving = (turns >= 0) & (turns < whole)
+        angle = 2 * np.pi * turns[moving]
+        waves = np.column_stack([np.ones_like(angle), np.sin(angle), np.cos(angle)])
+        _, sine, cosine = np.linalg.lstsq(waves, columns["strain"][moving], rcond=None)[0]
+        found, lag = math.hypot(sine, cosine), -math.atan2(cosine, sine) / (2 * math.pi)
+        off = abs(found / amplitude - 1) > 0.01 or abs(lag) > 0.01 + frequency * time_step
+        if off or not math.isfinite(found):
+            message = (
+                f"the strain has amplitude {found:.6g} and lags by {lag:.2g} periods, where the "
+                f"header has amplitude {amplitude:g}: not the table of this header"
+            )
+            raise LegacyError([Problem(header.source.table, None, "", NOTHING, message)])
+    return {
+        "kind": "oscillatory",
+        "period": 1 / frequency,
+        "steps_per_period": round(1 / (frequency * time_step)),
+        "time_step": time_step,
+        "shear_start": (pre + lag) / frequency,
+        "shear_end": (pre + periods + lag) / frequency,
+        "end": float(time[-1]),
+        "periods": periods,
+        "strain_amplitude": amplitude,
+        "frequency": frequency,
+        "pre_periods": pre,
+        "post_periods": values["post_periods"],
+    }
+
+
+def _asymmetry(columns: Mapping[str, FloatArray]) -> float:
+    """Return the largest |σ_xy − σ_yx| of the internal tensor / its largest trace."""
+    difference = np.abs(columns["overall_xy"] - columns["overall_yx"]).max()
+    trace = np.abs(columns["overall_xx"] + columns["overall_yy"]).max()
+    return float(difference / trace) if trace > 0 else 0.0
+
+
+def _header_moduli(
+    values: Mapping[str, Any], columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]
+) -> float | None:
+    """Return by how much the moduli, read as the program did, miss those that the header prints.
+
+    The largest difference of G* / |G*| of the tensors that it prints; None where they are no
+    numbers, here or there.
+    """
+    differences = []
+    for tensor, (storage, loss) in _PRINTED.items():
+        if storage not in values or loss not in values:
+            continue
+        printed = complex(values[storage], values[loss])
+        try:
+            found = estimate("header-compat", columns["time"], columns[TENSORS[tensor]], protocol)
+        except ValueError:
+            return None
+        difference = abs(complex(found.storage, found.loss) - printed)
+        differences.append(difference / (abs(printed) or 1.0))
+    largest = max(differences)
+    return largest if math.isfinite(largest) else None
+
+
+def _finish(
+    runs: Sequence[_Run], varied: Sequence[str], text: str, staging: Results, out: Path
+) -> None:
+    """Add study and plan to the result files, take away what is not of them, and give the name."""
+    wanted = {run.id for run in runs}
+    for job in staging.finished() - wanted:  # of an import of other files that was given up
+        staging.job_file(job).unlink()
+    for folder in (staging.failed, staging.tables, staging.figures, staging.logs):
+        folder.mkdir(exist_ok=True)
+    write_whole(staging.study_file, text.encode())
+    points = {run.point: run.parameters for run in runs}
+    rows = sorted((run.id, run.point, run.replicate, run.labels) for run in runs)
+    summary = {
+        "format": FORMAT,
+        "study": out.name,
+        "seed": None,
+        "replicates": max(run.replicate for run in runs) + 1,
+        "varied": list(varied),
+        "models": [MODEL],
+        "program": PROGRAM,
+        "tensor": TENSOR,
+        "paired": False,
+    }
+    write_arrow(staging.plan_file, plan_table(rows, points, varied), summary)
+    staging.folder.rename(out)

@@ -363,7 +363,10 @@ def _import_run(run: _Run, path: Path) -> dict[str, Any]:
         },
         **summarise(columns, protocol, TENSOR),
         "header": {
-            tensor: dict(zip(("storage", "loss"), map(values.get, names), strict=True))
+            tensor: {
+                modulus: _finite(values.get(name, math.nan))
+                for modulus, name in zip(("storage", "loss"), names, strict=True)
+            }
             for tensor, names in _PRINTED.items()
         },
         "run": {
@@ -435,11 +438,16 @@ def _protocol(header: Header, columns: Mapping[str, FloatArray]) -> dict[str, An
     }
 
 
-def _asymmetry(columns: Mapping[str, FloatArray]) -> float:
+def _finite(value: float) -> float | None:
+    """Return a number that JSON has: a run that blew up has others."""
+    return value if math.isfinite(value) else None
+
+
+def _asymmetry(columns: Mapping[str, FloatArray]) -> float | None:
     """Return the largest |σ_xy − σ_yx| of the internal tensor / its largest trace."""
     difference = np.abs(columns["overall_xy"] - columns["overall_yx"]).max()
     trace = np.abs(columns["overall_xx"] + columns["overall_yy"]).max()
-    return float(difference / trace) if trace > 0 else 0.0
+    return _finite(float(difference / trace)) if trace != 0 else 0.0
 
 
 def _header_moduli(
@@ -461,8 +469,7 @@ def _header_moduli(
             return None
         difference = abs(complex(found.storage, found.loss) - printed)
         differences.append(difference / (abs(printed) or 1.0))
-    largest = max(differences)
-    return largest if math.isfinite(largest) else None
+    return _finite(max(differences))
 
 
 def _finish(

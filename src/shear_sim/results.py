@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from shear_sim.study import Labels, Study
 
 FORMAT = 1  # of result files, plan and index; raised when an older program cannot read them
-INDEX_FORMAT = 1
+INDEX_FORMAT = 2
 
 FailureKind = Literal["physics", "crash", "error"]
 
@@ -209,7 +209,8 @@ class Results:
 
         Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in
         the study file (``shear.strain_amplitude``), and the rest of the summary with dotted names
-        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
+        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file, but for
+        those of the moduli (harmonics and periods).
         ``bytes`` is the size of that file. Rows are sorted by job id.
 
         Only jobs that the kept index lacks are read; rows of deleted ones go. The result is kept
@@ -336,7 +337,8 @@ def _index_row(path: Path) -> dict[str, Any]:
     row["bytes"] = path.stat().st_size
     row |= flatten(summary["parameters"])
     rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
-    return row | flatten(dict(sorted(rest.items())))
+    series = flatten({"moduli": summary.get("moduli", {})}, lists=True)
+    return row | flatten(dict(sorted(rest.items()))) | series
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "", *, lists: bool = False) -> dict[str, Any]:

@@ -31,8 +31,17 @@ TENSORS = {
     "external": "shear_stress_external",
 }
 HARMONICS = 9
-BASELINE_LIMIT = 0.10  # peak to peak at rest / stress amplitude: the authors' own quality limit
-SURFACE_LIMIT = 0.30  # |G| from external against internal forces: the same
+#: Range outside which each quality of a run is flagged (closed). The first two are the limits of
+#: the authors of the method; a change or drift of a tenth is no stationary response.
+LIMITS = {
+    "baseline_noise": (0.0, 0.10),
+    "surface_internal_ratio": (0.70, 1.30),
+    "cycle_change": (0.0, 0.10),
+    "drift_ratio": (0.0, 0.10),
+    "jumps": (0, 0),
+    "asymmetry": (0.0, 1e-9),
+}
+JUMP = 0.15  # step from record to record that counts as a jump / range of the stress
 BLOCKS = 10  # of the stationary half of a steady shear, for its scatter
 
 # Whole steps per period make a record's phase exact but for rounding, far below one record.
@@ -45,8 +54,8 @@ class Moduli:
 
     ``storage`` and ``loss`` are the first harmonics G' and G''; ``in_phase`` = G' A,
     ``out_of_phase`` = G'' A and ``total`` = |G*| A are the primary values of Table S2-2.
-    ``storage_n`` and ``loss_n`` hold G'_n and G''_n, n = 1 first. ``offset`` is τ₀, the mean stress
-    [Pa], ``drift`` s [Pa/s] (0 where it is not fitted), ``residual`` the root mean square of what
+    ``storage_n`` and ``loss_n`` hold G'_n and G''_n, n = 1 first. ``peak`` is half the peak-to-peak
+    of the fitted stress without its drift [Pa]. ``offset`` is τ₀, the mean stress [Pa], ``drift`` s [Pa/s] (0 where it is not fitted), ``residual`` the root mean square of what
     the fit leaves [Pa]. ``storage_cycles`` and ``loss_cycles`` are G' and G'' of every whole period
     by itself, the first included, after the drift is taken off: equal cycles are a stationary
     response. ``fitted_periods`` and ``rows`` say how much was fitted.
@@ -59,6 +68,7 @@ class Moduli:
     total: float
     storage_n: tuple[float, ...]
     loss_n: tuple[float, ...]
+    peak: float
     offset: float
     drift: float
     residual: float
@@ -144,6 +154,7 @@ def moduli(
         total=math.hypot(in_phase, out_of_phase),
         storage_n=storage_n,
         loss_n=loss_n,
+        peak=float(np.ptp(detrended[window.start : window.stop])) / 2.0,
         offset=float(fit[0]),
         drift=drift,
         residual=float(np.sqrt(np.mean(window.residual(stress, fit) ** 2))),
@@ -260,9 +271,10 @@ def summarise(
         Oscillatory shear: ``moduli`` (each tensor's `Moduli` as a dict, or None), ``quality``
         (``baseline_noise``: peak-to-peak of the shear stress in the last third of the rest before
         the shear / stress amplitude; ``surface_internal_ratio``: |G*| external / internal;
-        ``cycle_change``: relative change of |G*| between the last two periods) and ``flags``
-        (``baseline_noisy``: the first over 10 %; ``surface_internal_differ``: the second more than
-        30 % from 1). Steady shear: ``steady`` (see `steady_shear`) and ``flags``. A quantity that
+        ``cycle_change``: relative change of |G*| between the last two periods; ``drift_ratio``:
+        drift over one period / stress amplitude; ``jumps`` and ``largest_jump``: see `jumps`, of
+        the periodic tensor during the oscillation) and ``flags`` (``baseline_noisy``,
+        ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady`` (see `steady_shear`) and ``flags``. A quantity that
         does not exist, such as a baseline without a rest, is None. Where nothing can be fitted,
         ``flags["no_moduli"]`` (``"no_steady"``) holds the reason.
 
@@ -295,17 +307,19 @@ def summarise(
             )
         except ValueError as error:
             reason = reason or str(error)
+    judged = columns
+    if tensor != "periodic":
+        judged = {**columns, "shear_stress": columns[TENSORS[tensor]]}
     quality = {
-        "baseline_noise": _baseline_noise(
-            columns["time"], columns.get(TENSORS[tensor]), protocol, found[tensor]
-        ),
+        "baseline_noise": _baseline_noise(judged, protocol, found[tensor]),
         "surface_internal_ratio": _surface_internal_ratio(found["internal"], found["external"]),
         "cycle_change": _cycle_change(found[tensor]),
+        "drift_ratio": _drift_ratio(found[tensor], protocol),
+        **_jumps(judged, protocol),
     }
-    noise, ratio = quality["baseline_noise"], quality["surface_internal_ratio"]
     flags: dict[str, Any] = {
-        "baseline_noisy": None if noise is None else noise > BASELINE_LIMIT,
-        "surface_internal_differ": None if ratio is None else abs(ratio - 1.0) > SURFACE_LIMIT,
+        "baseline_noisy": _outside("baseline_noise", quality),
+        "surface_internal_differ": _outside("surface_internal_ratio", quality),
         "no_moduli": reason,
     }
     as_json = {each: None if fit is None else _jsonable(fit) for each, fit in found.items()}
@@ -317,17 +331,70 @@ def _jsonable(fit: Moduli) -> dict[str, Any]:
     return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(fit).items()}
 
 
+def _outside(name: str, quality: Mapping[str, float | None]) -> bool | None:
+    value, (low, high) = quality[name], LIMITS[name]
+    return None if value is None else not low <= value <= high
+
+
+def jumps(stress: FloatArray, limit: float = JUMP) -> tuple[NDArray[np.intp], float]:
+    """Find the steps of a stress series from one record to the next that are jumps.
+
+    A stress tensor without the contacts across the edges of the cell jumps whenever a disc crosses
+    an edge; the periodic one has no reason to. A sine alone steps by π/N of its range, with N
+    records per period.
+
+    Parameters
+    ----------
+    stress : (R,)
+        Shear stress of consecutive records [Pa].
+    limit : float
+        Step that counts / range of the series.
+
+    Returns
+    -------
+    rows : (J,)
+        Records before the jumps.
+    largest : float
+        Largest step / range of the series; 0 for a series without a range.
+    """
+    steps, spread = np.abs(np.diff(stress)), np.ptp(stress)
+    if spread == 0.0:
+        return np.empty(0, dtype=np.intp), 0.0
+    return np.flatnonzero(steps > limit * spread), float(steps.max() / spread)
+
+
+def _jumps(
+    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]
+) -> dict[str, float | None]:
+    nothing: dict[str, float | None] = {"jumps": None, "largest_jump": None}
+    if "shear_stress" not in columns:
+        return nothing
+    time, edge = columns["time"], _EDGE * protocol["period"]
+    # The record at the start of the shear holds the stress before the rate jumps.
+    sheared = (time > protocol["shear_start"] + edge) & (time < protocol["shear_end"] - edge)
+    stress = columns["shear_stress"][sheared]
+    if len(stress) < 2 or not np.isfinite(stress).all():
+        return nothing
+    rows, largest = jumps(stress)
+    return {"jumps": len(rows), "largest_jump": largest}
+
+
+def _drift_ratio(fit: Moduli | None, protocol: Mapping[str, Any]) -> float | None:
+    """Return |drift| over one period / stress amplitude; None where it is not fitted."""
+    if fit is None or fit.total == 0.0 or fit.fitted_periods < 2:
+        return None
+    return abs(fit.drift) * float(protocol["period"]) / fit.total
+
+
 def _baseline_noise(
-    time: FloatArray,
-    stress: FloatArray | None,
-    protocol: Mapping[str, Any],
-    fit: Moduli | None,
+    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any], fit: Moduli | None
 ) -> float | None:
     """Return the peak-to-peak stress of the last third of the first rest / stress amplitude."""
-    if stress is None or fit is None or fit.total == 0.0:
+    if fit is None or fit.total == 0.0:
         return None
-    start, edge = protocol["shear_start"], _EDGE * protocol["period"]
-    rest = stress[(time >= start * 2 / 3 - edge) & (time < start - edge)]
+    time, start = columns["time"], protocol["shear_start"]
+    edge = _EDGE * protocol["period"]
+    rest = columns["shear_stress"][(time >= start * 2 / 3 - edge) & (time < start - edge)]
     # One record has no peak-to-peak: not a quiet baseline, but none.
     return float(np.ptp(rest) / fit.total) if len(rest) > 1 else None
 

@@ -1,10 +1,10 @@
-"""What `aggregate` says on the screen: how much is there, and the moduli in short."""
+"""What `aggregate` says on the screen: how much is there, and the tables in short."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from shear_sim.aggregate import POINT_TABLES
+from shear_sim.statistics import SMALLEST_BOOTSTRAP
 from shear_sim.variation import Variation, by_scene, short_name, variation
 
 if TYPE_CHECKING:
@@ -13,73 +13,181 @@ if TYPE_CHECKING:
 
 #: Tables with more points than this are shown by the ends of their curves.
 MOST_ROWS = 30
-_PLAIN_WIDTH = 200  # of a line where the output is no terminal: it is cut by nobody
+_WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
+_PLAIN_WIDTH = 240  # of a line where the output is no terminal: it is cut by nobody
+#: Tables with a row per point, and what of them is shown.
 _SHOWN = {
-    "moduli": {"storage_modulus": "G′", "loss_modulus": "G″"},
+    "curves": {"storage_modulus": "G′", "loss_modulus": "G″"},
     "steady": {"shear_stress": "τ", "viscosity": "η"},
 }
+#: Of features and contrasts: (landmark, quantity) and heading.
+_LANDMARKS = {
+    ("low_strain_plateau", "storage_modulus"): "plateau G′",
+    ("softening", "strain"): "softening",
+    ("soft_plateau", "storage_modulus"): "soft plateau G′",
+    ("yield", "strain"): "yield",
+    ("yield", "total_stress"): "yield stress",
+}
+_SIGNIFICANT = 0.05
 
 
 def print_summary(tables: "Mapping[str, pd.DataFrame]", console: "Console | None" = None) -> None:
     """Print the tables of `shear_sim.aggregate.aggregate` in short.
 
-    One line per point, or, where there are many, the two ends of each curve. Rules on a terminal,
-    plain columns elsewhere.
+    One line per point, or, where there are many, the two ends of each curve; one per curve with
+    landmarks; one per comparison. Rules on a terminal, plain columns elsewhere.
     """
     from rich.console import Console
 
     console = console or Console()
     if not console.is_terminal:
         console = Console(file=console.file, width=_PLAIN_WIDTH, color_system=None, soft_wrap=True)
-    for name, _ in POINT_TABLES.values():
+    shown: list[Any] = []
+    for name in _SHOWN:
         if name in tables:
-            console.print(_grid(tables[name], name, plain=not console.is_terminal))
+            shown.append(_points(tables[name], name))
+    if len(tables.get("features", ())):
+        shown.append(_features(tables["features"], tables["curves"]))
+    if len(tables.get("contrasts", ())):
+        shown.append(_contrasts(tables["contrasts"]))
+    for title, headings, rows in shown:
+        if rows:
+            console.print(_grid(title, headings, rows, plain=not console.is_terminal))
     for line in _notes(tables):
         console.print(line, highlight=False)
 
 
-def _grid(points: "pd.DataFrame", name: str, *, plain: bool) -> Any:
-    """Return the table to print."""
+def _grid(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, plain: bool
+) -> Any:
+    """Return a table to print, without the columns that are empty."""
     from rich import box
     from rich.table import Table
 
-    plan = variation(points)
-    table = by_scene(points)
-    quantities = _SHOWN[name]
-    axes = [key for key in (plan.colour, plan.x) if key is not None]
-    scenes = ["scene"] if table["scene"].nunique() > 1 else []
-    headings = [*scenes, *[short_name(key) for key in axes], "runs"]
-    if plan.branches:
-        headings.insert(len(scenes), "with")
-    headings += [
-        f"{symbol} [{points.attrs['units'][f'{q}_mean']}]" for q, symbol in quantities.items()
-    ]
-    level = float(points["ci_level"].iloc[0])
     grid = Table(
-        title=f"mean [{level:.0%} interval] over replicates",
+        title=title,
         title_justify="left",
         title_style="",
         box=None if plain else box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    for heading in headings:
-        text = heading in {"scene", "with"}
-        grid.add_column(heading, justify="left" if text else "right", no_wrap=not text)
+    used = [c for c, column in enumerate(zip(*rows, strict=True)) if any(column)]
+    for c in used:
+        words = headings[c] in _WORDS
+        grid.add_column(headings[c], justify="left" if words else "right", no_wrap=not words)
+    for row in rows:
+        grid.add_row(*[row[c] for c in used])
+    return grid
+
+
+_Grid = tuple[str, list[str], list[list[str]]]
+
+
+def _points(points: "pd.DataFrame", name: str) -> _Grid:
+    """Return what is shown of a table with a row per point: title, headings, rows."""
+    plan = variation(points)
+    table = by_scene(points)
+    quantities = _SHOWN[name]
+    axes = [key for key in (plan.colour, plan.x) if key is not None]
+    units = points.attrs["units"]
+    headings = ["scene", "with", *[short_name(key) for key in axes], "runs"]
+    headings += [f"{symbol} [{units[f'{q}_mean']}]" for q, symbol in quantities.items()]
+    level = float(points["ci_level"].iloc[0])
     table["_with"] = [_difference(row, plan) for _, row in table.iterrows()]
     curve = ["scene", "_with", *([plan.colour] if plan.colour else [])]
     curves = [lines for _, lines in table.groupby(curve, sort=False, dropna=False)]
     # The curves at the reference first, in the order of the scenes; then key by key.
     curves.sort(key=lambda lines: _rank(lines.iloc[0], plan))
+    rows = []
     for lines in curves:
         shown = lines.sort_values(plan.x) if plan.x else lines
         if len(table) > MOST_ROWS and len(shown) > 2:
             shown = shown.iloc[[0, -1]]
         for _, row in shown.iterrows():
-            cells = [str(row[key]) for key in [*scenes, *(["_with"] if plan.branches else [])]]
-            cells += [_value(row[key]) for key in axes]
-            cells.append(f"{row['replicates']} of {row['planned']}")
-            grid.add_row(*cells, *[_estimate(row, quantity) for quantity in quantities])
-    return grid
+            rows.append(
+                [
+                    *_scene(row, table),
+                    row["_with"],
+                    *[_value(row[key]) for key in axes],
+                    f"{row['replicates']} of {row['planned']}",
+                    *[_estimate(row, f"{quantity}_mean", quantity) for quantity in quantities],
+                ]
+            )
+    return f"mean response [{level:.0%} interval over replicates]", headings, rows
+
+
+def _scene(row: Any, table: "pd.DataFrame") -> list[str]:
+    return [str(row["scene"]) if table["scene"].nunique() > 1 else ""]
+
+
+def _features(features: "pd.DataFrame", curves: "pd.DataFrame") -> _Grid:
+    """Return what is shown of the landmarks: a line per curve."""
+    plan = variation(curves)
+    table = by_scene(features)
+    table["_with"] = [_difference(row, plan) for _, row in table.iterrows()]
+    axes = [plan.colour] if plan.colour is not None else []
+    units = features.attrs["units"]
+    headings = ["scene", "with", *[short_name(key) for key in axes], "runs"]
+    headings += [
+        heading if units[quantity] == "1" else f"{heading} [{units[quantity]}]"
+        for (_, quantity), heading in _LANDMARKS.items()
+    ]
+    of_curves = [lines for _, lines in table.groupby(["scene", "curve"], sort=False)]
+    of_curves.sort(key=lambda lines: _rank(lines.iloc[0], plan))
+    rows = []
+    for lines in of_curves:
+        first, found = lines.iloc[0], lines.set_index("landmark")
+        rows.append(
+            [
+                *_scene(first, table),
+                first["_with"],
+                *[_value(first[key]) for key in axes],
+                f"{first['replicates']} of {first['planned']}",
+                *[_landmark(found.loc[name], quantity) for name, quantity in _LANDMARKS],
+            ]
+        )
+    return "landmarks of the curves", headings, rows
+
+
+def _landmark(row: Any, quantity: str) -> str:
+    """Return an estimate, or on which side of the amplitudes it lies."""
+    if row["censored"] in {"above", "below"} and quantity == "strain":
+        return f"{'>' if row['censored'] == 'above' else '<'} {_value(row['strain_limit'])}"
+    return _estimate(row, quantity, quantity)
+
+
+def _contrasts(contrasts: "pd.DataFrame") -> _Grid:
+    """Return what is shown of the contrasts: a line per comparison, of landmarks alone."""
+    table = contrasts[contrasts["landmark"] != ""]
+    keys = [key for key in contrasts if "." in key and table[key].notna().any()]
+    headings = ["what", "of", "with", *_LANDMARKS.values()]
+    rows = []
+    groups = table.groupby(["parameter", "scene", "against", "effect"], sort=False, observed=True)
+    for (parameter, scene, _, effect), group in groups:
+        held = [key for key in keys if group[key].nunique(dropna=False) > 1]
+        for _, lines in group.groupby(["values", *held], sort=False, dropna=False):
+            first = lines.iloc[0]
+            found = {(row["landmark"], row["quantity"]): row for _, row in lines.iterrows()}
+            what = f"{effect} in {short_name(parameter)} ({first['values']})"
+            if effect == "ratio":
+                what = " / ".join(first["values"].split("; "))
+            rows.append(
+                [
+                    what,
+                    "" if parameter == "scene" else scene,
+                    ", ".join(f"{short_name(key)} {_value(first[key])}" for key in held),
+                    *[_effect(found.get(key)) for key in _LANDMARKS],
+                ]
+            )
+    title = f"contrasts of landmarks (* p < {_SIGNIFICANT:g} after Holm's correction)"
+    return title, headings, rows
+
+
+def _effect(row: Any) -> str:
+    if row is None or math.isnan(row["estimate"]):
+        return "-"
+    star = "*" if row["p_holm"] < _SIGNIFICANT else " "
+    return _estimate(row, "estimate", "") + star
 
 
 def _differences(row: Any, plan: Variation) -> list[str]:
@@ -107,9 +215,10 @@ def _value(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _estimate(row: Any, quantity: str) -> str:
-    """Return ``mean [low, high]``."""
-    mean, low, high = (float(row[f"{quantity}_{part}"]) for part in ("mean", "ci_low", "ci_high"))
+def _estimate(row: Any, value: str, quantity: str) -> str:
+    """Return ``mean [low, high]``; the bounds are in columns that begin with ``quantity``."""
+    mean = float(row[value])
+    low, high = (float(row[f"{quantity}_{end}".strip("_")]) for end in ("ci_low", "ci_high"))
     if math.isnan(mean):
         return "-"
     if math.isnan(low):
@@ -126,7 +235,7 @@ def _three_digits(value: float) -> str:
 
 def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     """Return what a reader of the numbers must know."""
-    found = [tables[name] for name, _ in POINT_TABLES.values() if name in tables]
+    found = [tables[name] for name in _SHOWN if name in tables]
     done, planned, failed, flagged = (
         sum(int(points[name].sum()) for points in found)
         for name in ("replicates", "planned", "failed", "flagged")
@@ -136,15 +245,24 @@ def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     if done < planned:
         lines[0] = f"PARTIAL STUDY: {lines[0]} ({failed:,} failed, {missing:,} not yet run)"
     if flagged:
-        lines.append(f"{flagged:,} runs are flagged (column flagged of tables/runs); they count in")
+        flags = tables["runs"]["flags"].str.split("; ").explode()
+        named = [f"{name} {count:,}" for name, count in flags[flags != ""].value_counts().items()]
+        lines.append(
+            f"{flagged:,} runs are flagged ({', '.join(named) or 'no result'}; columns flags and "
+            "flagged of tables/runs); they count in"
+        )
     if orphans := tables["runs"].attrs.get("orphans", 0):
         lines.append(f"{orphans:,} results are of jobs outside the plan; they are not counted")
-    few = sum(
-        int((points[f"{quantity}_ci_flag"].notna() & (points["replicates"] > 0)).sum())
-        for points in found
-        for quantity in list(_SHOWN["moduli"] | _SHOWN["steady"])[:4]
-        if f"{quantity}_ci_flag" in points
+    weak = sum(
+        int(((points[f"{quantity}_ci_flag"] != "") & (points["n"] > 0)).sum())
+        for name, points in zip([name for name in _SHOWN if name in tables], found, strict=True)
+        for quantity in _SHOWN[name]
     )
-    if few:
-        lines.append(f"{few:,} intervals are weak (columns ..._ci_flag), most by few replicates")
+    if weak:
+        few = (
+            f", most for fewer than {SMALLEST_BOOTSTRAP} replicates"
+            if any((points["n"] < SMALLEST_BOOTSTRAP).any() for points in found)
+            else ""
+        )
+        lines.append(f"{weak:,} intervals of means are weak (columns ..._ci_flag){few}")
     return lines

@@ -1,0 +1,75 @@
+"""The mean response of the replicates of some points, also of resampled ones."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Replicates(NamedTuple):
+    """The runs of one point: their replicate numbers (n,), and C values of each (n, C)."""
+
+    number: NDArray[np.int64]
+    values: FloatArray
+
+
+class Ensemble:
+    """Points whose replicates are resampled together, or each by itself.
+
+    Where replicate r starts from the same random numbers at every point, it is drawn or left out
+    at all points at once (``paired``): differences between points are then as sharp as they really
+    are. Where every run has a packing of its own, the replicates of each point are drawn by
+    themselves.
+
+    Parameters
+    ----------
+    points : sequence of Replicates
+        One or more runs of each point. A paired replicate may be missing at some of them: a mean is
+        over those that are there.
+    paired : bool
+        Which of the two.
+
+    Attributes
+    ----------
+    sizes : list of int
+        Replicates of each group that is resampled, for `shear_sim.statistics.intervals`.
+    n : int
+        Runs of the point that has the fewest.
+    """
+
+    def __init__(self, points: Sequence[Replicates], *, paired: bool) -> None:
+        self.n = min(len(point.number) for point in points)
+        self._points = points
+        self._paired = paired
+        if not paired:
+            self.sizes = [len(point.number) for point in points]
+            return
+        numbers = np.unique(np.concatenate([point.number for point in points]))
+        self.sizes = [len(numbers)]
+        self._sums = np.zeros((len(points), points[0].values.shape[1], len(numbers)))
+        self._there = np.zeros((len(points), len(numbers)))
+        for place, point in enumerate(points):
+            columns = np.searchsorted(numbers, point.number)
+            self._sums[place][:, columns] = point.values.T
+            self._there[place, columns] = 1.0
+
+    def means(self, counts: Sequence[FloatArray]) -> FloatArray:
+        """Return the mean values (P, C, K) of P points in K resamples.
+
+        Parameters
+        ----------
+        counts : sequence of (K, n)
+            How often each replicate of each group was drawn. A point none of whose replicates was
+            drawn has the mean nan.
+        """
+        with np.errstate(invalid="ignore", divide="ignore"):
+            if self._paired:
+                [drawn] = counts
+                there: FloatArray = self._there @ drawn.T
+                means: FloatArray = (self._sums @ drawn.T) / there[:, None]
+                return means
+            pairs = zip(self._points, counts, strict=True)
+            return np.array([p.values.T @ drawn.T / drawn.sum(axis=1) for p, drawn in pairs])

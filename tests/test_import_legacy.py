@@ -1,5 +1,6 @@
 """Runs of particleShear become a results folder that every command understands."""
 
+import io
 import re
 
 import numpy as np
@@ -14,16 +15,20 @@ from legacy_runs import (
     reference,
     split,
 )
+from rich.console import Console
 from tools import run
 
-from shear_sim.historical import estimate, find_jumps
+from shear_sim.aggregate import make_tables
+from shear_sim.historical import ESTIMATORS, estimate
 from shear_sim.import_legacy import import_legacy
 from shear_sim.legacy import LegacyError
 from shear_sim.plan import make_plan
 from shear_sim.results import Results, ResultsError, find_job, read_job
+from shear_sim.rheology import jumps
 from shear_sim.single import repeat
 from shear_sim.status import describe_job, describe_status, read_status
 from shear_sim.study import load_study
+from shear_sim.summary import print_summary
 from shear_sim.tables import read_summary
 
 SCENES = {
@@ -180,6 +185,42 @@ def test_moduli_are_those_of_the_material(old):
         assert summary["flags"]["no_moduli"] is None
         assert summary["checks"]["header_moduli"] < 1e-12
         assert summary["checks"]["asymmetry_internal"] < 1e-15
+
+
+def test_an_old_study_is_aggregated_as_any(old):
+    tables = make_tables(old, historical=True)
+    runs, curves = tables["runs"], tables["curves"]
+    assert (runs.attrs["tensor"], runs.attrs["program"]) == ("internal", "particleShear")
+    assert runs.attrs["paired"] is False
+    assert (len(runs), len(curves), len(tables["cycles"])) == (36, 12, 36 * 3)
+    assert curves["scene"].unique().tolist() == list(SCENES)
+    assert (curves["replicates"] == 3).all()
+    assert (curves["planned"] == 3).all()
+    assert curves["storage_modulus_mean"].to_numpy() == pytest.approx(STORAGE, rel=1e-9)
+    assert curves["loss_modulus_mean"].to_numpy() == pytest.approx(LOSS, rel=1e-9)
+    assert runs["storage_modulus_external"].to_numpy() == pytest.approx(SURFACE * STORAGE)
+    assert "storage_modulus" not in runs  # of the periodic tensor
+    assert (runs["asymmetry"] < 1e-15).all()
+    outer = make_tables(old, tensor="external")["curves"]
+    assert outer["storage_modulus_mean"].to_numpy() == pytest.approx(SURFACE * STORAGE, rel=1e-9)
+    screen = io.StringIO()
+    print_summary(tables, Console(file=screen, width=200))
+    assert "36 of 36 runs" in screen.getvalue()
+    assert "imported from particleShear; G′ and G″ are of the internal tensor" in screen.getvalue()
+
+
+def test_the_table_of_historical_estimators_has_what_the_headers_print(old):
+    table = make_tables(old, historical=True)["historical"]
+    assert len(table) == 36 * 2 * len(ESTIMATORS)
+    assert table.attrs["units"]["storage_modulus"] == "Pa"
+    assert (table["no_moduli"] == "").all()
+    for row in table[table["estimator"] == "header-compat"].itertuples():
+        header = read_summary(Results(old).job_file(row.job))["header"][row.tensor]
+        assert row.storage_modulus == pytest.approx(header["storage"], rel=1e-11)
+        assert row.loss_modulus == pytest.approx(header["loss"], rel=1e-11)
+    # Run n was given a drift of n kPa/s.
+    read = table[(table["tensor"] == "internal") & (table["estimator"] == "detrended")]
+    assert sorted(read["drift"]) == pytest.approx([1e3 * number for number in range(36)], abs=1e-6)
 
 
 def test_facts_are_in_si_units(old):
@@ -374,7 +415,7 @@ def test_the_example_is_as_the_analysis_found_it(example):
     assert summary["derived"]["small_radius"] == pytest.approx(23.19e-6, abs=5e-9)
     for tensor, counts in (("internal", (0, 0, 16, 49)), ("external", (0, 0, 7, 39))):
         stress = example.columns[f"shear_stress_{tensor}"][6721:11201]
-        found = [len(find_jumps(stress, limit)[0]) for limit in (0.15, 0.05, 0.02, 0.01)]
+        found = [len(jumps(stress, limit)[0]) for limit in (0.15, 0.05, 0.02, 0.01)]
         assert tuple(found) == counts
 
 

@@ -1,6 +1,7 @@
 """Reading output files of particleShear: every trap of them, and what is wrong with bad ones."""
 
 import gzip
+import re
 import sys
 
 import numpy as np
@@ -161,13 +162,18 @@ def changed(old, new, count=1):
 
 def test_headers_without_a_key_name_it_and_all_others(tmp_path):
     text = changed("Frequency = ", "Freq = ").replace(",bimodal_factor=1.4", "")
-    path = written(tmp_path, text.replace("mu=0.01,", "mu=rough,"))
-    line = next(
-        i for i, li in enumerate(text.split("\n"), 1) if "bimodal" in li or "root_folder" in li
+    text = re.sub("Time step = .*s", "Time step = 0s", text)
+    path = written(tmp_path, text.replace("mu=0.01,", "mu=rough,").replace("N=60,", "N=6.5,"))
+    lines = text.split("\n")
+    call, step = (
+        next(number for number, line in enumerate(lines, 1) if word in line)
+        for word in ("root_folder", "Time step")
     )
     assert problems(path) == [
-        f"{path}:{line}: bimodal_factor: the function call does not hold it",
-        f"{path}:{line}: mu = rough: must be a finite number",
+        f"{path}:{call}: N = 6.5: must be a whole number",
+        f"{path}:{call}: bimodal_factor: the function call does not hold it",
+        f"{path}:{call}: mu = rough: must be a finite number",
+        f"{path}:{step}: time_step = 0.0: must be above 0",
         f"{path}: frequency: the header does not hold it",
     ]
 

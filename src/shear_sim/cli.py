@@ -204,6 +204,12 @@ def show(
 def aggregate(
     results: ResultsFolder,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Also draw.")] = True,
+    historical: Annotated[
+        bool,
+        typer.Option(
+            "--historical", help="Also the moduli as particleShear and its R scripts did."
+        ),
+    ] = False,
 ) -> None:
     """Make the tables and figures of a study from its results, also from partial ones.
 
@@ -212,7 +218,7 @@ def aggregate(
     from shear_sim import aggregate as aggregation
     from shear_sim.summary import print_summary
 
-    tables = aggregation.make_tables(results)
+    tables = aggregation.make_tables(results, historical=historical)
     print_summary(tables)  # first: the results may be somebody else's, and read-only
     aggregation.write(results, tables, figures=figures)
     written = ("tables", "figures") if figures else ("tables",)

@@ -34,10 +34,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.rheology import jumps
+
 FloatArray = NDArray[np.float64]
 
 ESTIMATORS = ("r-compat", "header-compat", "no-detrend", "detrended")
-JUMP_THRESHOLD = 0.15  # of the range of the window
 
 
 @dataclass(frozen=True)
@@ -106,9 +107,9 @@ def estimate(
     found: int | None = None
     largest: float | None = None
     if name == "r-compat":
-        used, jumps = without_jumps(used)
+        used, heights = without_jumps(used)
         angle = 2 * np.pi * frequency * (time[window] - time[window][0])
-        found, largest = len(jumps), float(np.abs(jumps).max(initial=0.0))
+        found, largest = len(heights), float(np.abs(heights).max(initial=0.0))
     else:
         angle = 2 * np.pi * (time[window] * frequency - pre_periods)
         if name != "no-detrend":
@@ -122,42 +123,28 @@ def estimate(
     return Estimate(storage, loss, drift, found, largest, int(window.sum()))
 
 
-def find_jumps(
-    stress: FloatArray, threshold: float = JUMP_THRESHOLD
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return where a series jumps, and by how much.
+def without_jumps(stress: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a series without its jumps, as the analysis in R took them out, and their heights.
+
+    Steps over 15 % of the range are jumps. Each is replaced by the step before it (corrected
+    itself, if that is a jump too) and everything after is shifted. One at the very first step
+    stays.
 
     Parameters
     ----------
     stress : (R,)
-        The series, in any unit.
-    threshold : float
-        Smallest step that is a jump, relative to the range of the series.
+        Shear stress of the window [Pa].
 
     Returns
     -------
-    places : (J,)
-        Samples after which a jump comes.
+    corrected : (R,)
+        The series [Pa].
     heights : (J,)
-        Signed, in the unit of the series.
+        The steps that were found, signed, the first one included [Pa].
     """
+    places, _ = jumps(stress)
     steps = np.diff(stress)
-    if not len(steps):
-        return np.empty(0, np.int64), steps
-    places = np.flatnonzero(np.abs(steps) > threshold * np.ptp(stress))
-    return places, steps[places]
-
-
-def without_jumps(
-    stress: FloatArray, threshold: float = JUMP_THRESHOLD
-) -> tuple[FloatArray, FloatArray]:
-    """Return a series without its jumps, as the analysis in R took them out, and their heights.
-
-    The step of a jump is replaced by the step before it (corrected itself, if that is a jump too)
-    and everything after is shifted. A jump at the very first step stays.
-    """
-    places, heights = find_jumps(stress, threshold)
-    steps = np.diff(stress)
+    heights = steps[places]
     shift = np.zeros(len(stress))
     for place in places.tolist():
         if place > 0:

@@ -33,7 +33,14 @@ from shear_sim.rheology import TENSORS, summarise
 from shear_sim.runner import environment
 from shear_sim.screen import Screen, duration
 from shear_sim.study import Labels, parameters, read_study
-from shear_sim.tables import TableError, read_summary, write_arrow, write_table, write_whole
+from shear_sim.tables import (
+    TableError,
+    read_summary,
+    remove_partial,
+    write_arrow,
+    write_table,
+    write_whole,
+)
 
 PROGRAM = "particleShear"
 MODEL = "microgel"
@@ -130,6 +137,7 @@ def import_legacy(files: Iterable[Path], out: Path, screen: Screen | None = None
     staging = Results(out.with_name(f"{out.name}.importing"))
     try:
         staging.jobs.mkdir(parents=True, exist_ok=True)
+        remove_partial(staging.jobs)
         differing = _import_runs(runs, staging, screen or Screen())
         _finish(runs, varied, text, staging, out)
     except OSError as error:
@@ -487,7 +495,7 @@ def _finish(
     summary = {
         "format": FORMAT,
         "study": out.name,
-        "seed": None,
+        "seed": 0,  # of the bootstrap: that of the study file
         "replicates": max(run.replicate for run in runs) + 1,
         "varied": list(varied),
         "models": [MODEL],

@@ -89,6 +89,7 @@ _LINES: dict[str, tuple[str, type, bool]] = {
     "G'(by surface force)": (r"G'\(by surface force\)=(.*)Pa", float, True),
     "G''(by surface force)": (r"G''\(by surface force\)=(.*)Pa", float, True),
 }
+_POSITIVE = {"time_step", "frequency"}  # what the sections of our studies do not check
 
 _TENSORS = (
     "Love_Weber",
@@ -291,7 +292,7 @@ def _parse(
     where: dict[str, int] = {}
     assumed: list[str] = []
     problems: list[Problem] = []
-    call = next((n for n, line in enumerate(lines) if re.match(r"\w+\(.*\bmu=", line)), None)
+    call = next((n for n, line in enumerate(lines) if re.search(r"\w\(.*\bmu=", line)), None)
     # The folder of the run comes first and may hold anything: the last mention counts.
     given = {} if call is None else dict(re.findall(r"[(,](\w+)=([^,)]*)", lines[call]))
     found: dict[str, tuple[str, int]] = {}
@@ -307,9 +308,12 @@ def _parse(
         if name in found:
             text, where[name] = found[name]
             try:
-                values[name] = _value(text.strip(), kind, finite=not name.startswith("G"))
+                values[name] = _value(name, text.strip(), kind)
             except ValueError as error:
-                problems.append(Problem(path, where[name], name, text.strip(), str(error)))
+                shown: object = text.strip()
+                with contextlib.suppress(ValueError):
+                    shown = float(text)
+                problems.append(Problem(path, where[name], name, shown, str(error)))
         elif name in DEFAULTS:
             values[name] = DEFAULTS[name]
             assumed.append(name)
@@ -321,7 +325,7 @@ def _parse(
     return values, where, tuple(assumed), problems
 
 
-def _value(text: str, kind: type, *, finite: bool) -> Any:
+def _value(name: str, text: str, kind: type) -> Any:
     """Return a value of its type; the moduli of a run that blew up are not finite."""
     if kind is bool:
         if text not in {"True", "False"}:
@@ -333,7 +337,14 @@ def _value(text: str, kind: type, *, finite: bool) -> Any:
         value = float(text)
     except ValueError:
         raise ValueError(msg) from None
-    if (finite and not math.isfinite(value)) or (kind is int and not value.is_integer()):
+    if not math.isfinite(value):
+        if name.startswith("G"):
+            return value
+        raise ValueError(msg)
+    if kind is int and not value.is_integer():
+        raise ValueError(msg)
+    if name in _POSITIVE and value <= 0:
+        msg = "must be above 0"
         raise ValueError(msg)
     return kind(value)
 

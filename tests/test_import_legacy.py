@@ -20,8 +20,8 @@ from tools import run
 
 from shear_sim.aggregate import make_tables
 from shear_sim.historical import ESTIMATORS, estimate
-from shear_sim.import_legacy import import_legacy
-from shear_sim.legacy import LegacyError
+from shear_sim.legacy.headers import LegacyError
+from shear_sim.legacy.importing import import_legacy
 from shear_sim.plan import make_plan
 from shear_sim.results import Results, ResultsError, find_job, read_job
 from shear_sim.rheology import jumps

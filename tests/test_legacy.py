@@ -9,15 +9,8 @@ import pytest
 from legacy_runs import REAL, analytic_text, header_and_table, real_text, split, write_rda
 
 from shear_sim import models
-from shear_sim.legacy import (
-    DEPENDENT,
-    STORED,
-    TABLE,
-    LegacyError,
-    find_runs,
-    read_header,
-    read_series,
-)
+from shear_sim.legacy.headers import LegacyError, find_runs, read_header
+from shear_sim.legacy.series import DEPENDENT, STORED, TABLE, read_series
 
 
 def written(folder, text, name="run.txt"):

@@ -239,7 +239,7 @@ def import_legacy(
 
     Example: shear-sim import-legacy old_runs/*.txt --out results/old
     """
-    from shear_sim import import_legacy as importing
+    from shear_sim.legacy import importing
 
     typer.echo(importing.import_legacy(files, out))
 
@@ -364,7 +364,7 @@ def main() -> NoReturn:
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
     from shear_sim.document import StudyError
-    from shear_sim.legacy import LegacyError
+    from shear_sim.legacy.headers import LegacyError
     from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError

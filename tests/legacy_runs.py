@@ -96,7 +96,8 @@ def analytic_text(storage=STORAGE, loss=LOSS, offset=7.0, drift=0.0, blown_up=Fa
     assert len(columns) == len(names) == 42
     table = np.array(columns).T
     if blown_up:
-        table[-200:, 4:] = np.nan
+        table[-200, 4:] = np.inf
+        table[-199:, 4:] = np.nan
     inner, outer = (demodulate(time, s, amplitude, frequency) for s in (table[:, 5], table[:, 4]))
     printed = {
         "Time step": f"{step!r}s",

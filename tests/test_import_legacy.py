@@ -291,12 +291,39 @@ def test_what_our_model_does_not_know_is_told_in_its_words(tmp_path):
         import_legacy([folder], tmp_path / "old")
 
 
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ([("amplitude=0.2", "amplitude=0.3")], "amplitude 0.2 and lags by 0.0062 periods"),
+        # The shear a quarter of a period late, in a protocol of the same length.
+        (
+            [
+                ("pre_periods = 2", "pre_periods = 2.25"),
+                ("post_periods = 1", "post_periods = 0.75"),
+            ],
+            "amplitude 0.182859 and lags by -0.23 periods",
+        ),
+    ],
+)
+def test_the_strain_must_be_that_of_the_header(tmp_path, changes, found):
+    text = analytic_text()
+    for old, new in changes:
+        text = text.replace(old, new)
+    path = tmp_path / "run.txt"
+    path.write_text(text)
+    with pytest.raises(LegacyError, match=f"the strain has {found}, where .*: not the table of"):
+        import_legacy([path], tmp_path / "old")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.txt"]  # nothing waits
+
+
 def test_after_a_damaged_table_only_what_is_missing_is_read(tmp_path):
     folder = write_runs(tmp_path / "files", [{}, {}, {"mu": 0.1}])
     bad = folder / "run_1.txt"
     whole = bad.read_text()
     bad.write_text(whole[:100_000])
-    with pytest.raises(LegacyError, match=r"the other 2 runs wait in .*old\.importing") as caught:
+    with pytest.raises(
+        LegacyError, match=r"2 runs are read and wait in .*old\.importing"
+    ) as caught:
         import_legacy([folder], tmp_path / "old")
     assert [problem.path for problem in caught.value.problems] == [bad]
     assert not (tmp_path / "old").exists()

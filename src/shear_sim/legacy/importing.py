@@ -10,6 +10,7 @@ periodic one. Its packings were drawn anew for every run, so points are not pair
 import hashlib
 import json
 import math
+import shutil
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +27,7 @@ from shear_sim.config import all_complaints
 from shear_sim.document import NOTHING, Problem, dotted
 from shear_sim.historical import estimate
 from shear_sim.legacy.headers import Header, LegacyError, find_runs
-from shear_sim.legacy.series import FloatArray, read_series
+from shear_sim.legacy.series import MODEL, FloatArray, derive, read_series
 from shear_sim.legacy.study_file import study_sections, study_text
 from shear_sim.results import FORMAT, Results, ResultsError, plan_table
 from shear_sim.rheology import TENSORS, summarise
@@ -43,7 +44,6 @@ from shear_sim.tables import (
 )
 
 PROGRAM = "particleShear"
-MODEL = "microgel"
 TENSOR = "internal"  # the one that the historical analysis evaluated
 HEADER_TOLERANCE = 1e-6  # relative, of the moduli that a header prints
 
@@ -201,10 +201,14 @@ def _import_runs(runs: Sequence[_Run], staging: Results, screen: Screen) -> tupl
     finally:
         screen.stop()
     if problems:
-        note = (
-            f"the other {len(runs) - len(problems):,} runs wait in {staging.folder}: mend these "
-            "files or leave them out, and give the same command again"
-        )
+        note = ""
+        if waiting := len(staging.finished()):
+            note = (
+                f"{waiting:,} runs are read and wait in {staging.folder}: mend these files or leave "
+                "them out, and give the same command again"
+            )
+        else:
+            shutil.rmtree(staging.folder)
         raise LegacyError(problems, note)
     return tuple(differing)
 
@@ -214,7 +218,7 @@ def _import_run(run: _Run, path: Path) -> dict[str, Any]:
     cpu = time.process_time()
     values = run.header.values
     stored = read_series(run.header)
-    columns = {**stored, **models.model(MODEL).derive(stored)}
+    columns = {**stored, **derive(stored)}
     protocol = _protocol(run.header, columns)
     summary = {
         "format": FORMAT,
@@ -288,10 +292,10 @@ def _protocol(header: Header, columns: Mapping[str, FloatArray]) -> dict[str, An
         moving = (turns >= 0) & (turns < whole)
         angle = 2 * np.pi * turns[moving]
         waves = np.column_stack([np.ones_like(angle), np.sin(angle), np.cos(angle)])
-        _, sine, cosine = np.linalg.lstsq(waves, columns["strain"][moving], rcond=None)[0]
+        strain = np.nan_to_num(columns["strain"][moving])
+        _, sine, cosine = np.linalg.lstsq(waves, strain, rcond=None)[0]
         found, lag = math.hypot(sine, cosine), -math.atan2(cosine, sine) / (2 * math.pi)
-        off = abs(found / amplitude - 1) > 0.01 or abs(lag) > 0.01 + frequency * time_step
-        if off or not math.isfinite(found):
+        if abs(found / amplitude - 1) > 0.01 or abs(lag) > 0.01 + frequency * time_step:
             message = (
                 f"the strain has amplitude {found:.6g} and lags by {lag:.2g} periods, where the "
                 f"header has amplitude {amplitude:g}: not the table of this header"
@@ -320,7 +324,8 @@ def _finite(value: float) -> float | None:
 
 def _asymmetry(columns: Mapping[str, FloatArray]) -> float | None:
     """Return the largest |σ_xy − σ_yx| of the internal tensor / its largest trace."""
-    difference = np.abs(columns["overall_xy"] - columns["overall_yx"]).max()
+    with np.errstate(invalid="ignore"):
+        difference = np.abs(columns["overall_xy"] - columns["overall_yx"]).max()
     trace = np.abs(columns["overall_xx"] + columns["overall_yy"]).max()
     return _finite(float(difference / trace)) if trace != 0 else 0.0
 

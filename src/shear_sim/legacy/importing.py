@@ -204,8 +204,8 @@ def _import_runs(runs: Sequence[_Run], staging: Results, screen: Screen) -> tupl
         note = ""
         if waiting := len(staging.finished()):
             note = (
-                f"{waiting:,} runs are read and wait in {staging.folder}: mend these files or leave "
-                "them out, and give the same command again"
+                f"{waiting:,} runs are read and wait in {staging.folder}: mend these files or "
+                "leave them out, and give the same command again"
             )
         else:
             shutil.rmtree(staging.folder)

@@ -23,7 +23,7 @@ STEEPEST_FLAT = 0.05  # −d ln G'/d ln A that still counts as flat
 WINDOW = 0.25  # half-width of the fits of slopes and peaks [decades]
 
 _FLOOR = 1e-9  # of the plateau: what ln G' is cut at
-_BISECTIONS = 30  # of a segment: to 1e-9 of its length
+_BISECTIONS = 24  # of a segment: to 1e-7 of its length
 
 
 class Landmark(NamedTuple):
@@ -209,7 +209,7 @@ class _Curves:
             near[segment : segment + 2] = True
             aside = self.x[near] - self.x[near].mean()
             slopes[segment, near] = aside / (aside**2).sum()
-        return middle, -(slopes @ log)
+        return middle, -np.einsum("sp,pk->sk", slopes, log)
 
 
 class _Step(NamedTuple):
@@ -242,7 +242,8 @@ def _tops(
         near = np.abs(x - x[node]) <= WINDOW * np.log(10)
         near[max(node - 1, 0) : node + 2] = True
         aside = x[near] - x[node]
-        bend, slope, level = np.linalg.pinv(np.vander(aside, 3)) @ values[near][:, here]
+        fit = np.linalg.pinv(np.vander(aside, 3))
+        bend, slope, level = np.einsum("cp,pk->ck", fit, values[near][:, here])
         # The parabola of a noisy top may open upwards, or top out beyond what it was fitted to.
         with np.errstate(invalid="ignore", divide="ignore"):
             top = np.where(bend < 0, -slope / (2 * bend), np.nan)

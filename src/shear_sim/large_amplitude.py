@@ -51,8 +51,13 @@ def measures(
     order = np.where(odd, number, 0).astype(np.float64)
     intensity = np.hypot(storage_n, loss_n)
     amplitude, omega = np.asarray(strain_amplitude), np.asarray(angular_frequency)
-    tangent, secant = storage_n @ order, storage_n @ sign
-    slow, fast = loss_n @ (order * sign) / omega, loss_n @ np.abs(sign) / omega
+
+    def total(waves: FloatArray, weights: FloatArray) -> FloatArray:
+        summed: FloatArray = np.einsum("...n,n->...", waves, weights)
+        return summed
+
+    tangent, secant = total(storage_n, order), total(storage_n, sign)
+    slow, fast = total(loss_n, order * sign) / omega, total(loss_n, np.abs(sign)) / omega
     energy = np.pi * amplitude**2 * loss_n[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         found = {

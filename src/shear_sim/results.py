@@ -336,9 +336,9 @@ def _index_row(path: Path) -> dict[str, Any]:
     row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
     row["bytes"] = path.stat().st_size
     row |= flatten(summary["parameters"])
-    rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
-    series = flatten({"moduli": summary.get("moduli", {})}, lists=True)
-    return row | flatten(dict(sorted(rest.items()))) | series
+    known = {"format", "job", "parameters", "moduli"}
+    rest = {key: summary[key] for key in sorted(summary.keys() - known)}
+    return row | flatten(rest) | flatten({"moduli": summary.get("moduli", {})}, lists=True)
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "", *, lists: bool = False) -> dict[str, Any]:

@@ -89,48 +89,52 @@ def contrasts_table(
     return frame(data, columns)
 
 
-def find_comparisons(
-    planned: "pd.DataFrame", parameters: Sequence[Column]
-) -> Iterator[Comparison]:
+def find_comparisons(planned: "pd.DataFrame", parameters: Sequence[Column]) -> Iterator[Comparison]:
     """Yield what a study allows to compare: scenes first, then parameter by parameter."""
     keys = [parameter.name for parameter in parameters if parameter.name != AMPLITUDE]
     points = planned.drop_duplicates("point").sort_values(["scene", *keys], kind="stable")
     reference = variation(points).reference
     table = by_scene(points.drop_duplicates("curve"))[["curve", "scene", *keys]]
-    scenes = list(dict.fromkeys(table["scene"]))
-    of = {scene: table[table["scene"] == scene] for scene in scenes}
+    table = table.astype(object).where(table.notna(), None)  # None is equal to itself, nan is not
+    of: dict[str, list[dict[str, Any]]] = {}
+    for row in table.to_dict("records"):
+        of.setdefault(row["scene"], []).append(row)
+    scenes = list(of)
     for other in scenes[1:]:
         yield from _scenes(scenes[0], other, of, keys, reference[scenes[0]])
     for parameter in parameters:
         if parameter.name == AMPLITUDE:
             continue
         for scene in scenes:
-            if of[scene][parameter.name].nunique() > 1:
-                others = [key for key in keys if key != parameter.name]
-                if of[scene][parameter.name].dtype.kind in "if":
-                    yield from _slopes(scene, of[scene], parameter, others)
-                else:
-                    usual = reference[scene].get(parameter.name)
-                    yield from _words(scene, of[scene], parameter.name, others, usual)
+            if len({row[parameter.name] for row in of[scene]} - {None}) < 2:
+                continue
+            others = [key for key in keys if key != parameter.name]
+            if points[parameter.name].dtype.kind in "if":
+                yield from _slopes(scene, of[scene], parameter, others)
+            else:
+                usual = reference[scene].get(parameter.name)
+                yield from _words(scene, of[scene], parameter.name, others, usual)
 
 
 def _scenes(
     first: str,
     other: str,
-    of: "Mapping[str, pd.DataFrame]",
+    of: Mapping[str, Sequence[Mapping[str, Any]]],
     keys: Sequence[str],
     reference: Mapping[str, Any],
 ) -> Iterator[Comparison]:
     """Compare a scene with another: curves equal in all but what tells the scenes apart."""
-    one, two = of[first], of[other]
-    apart = [key for key in keys if not set(map(_same, one[key])) & set(map(_same, two[key]))]
+    values = [{key: {row[key] for row in of[scene]} for key in keys} for scene in (first, other)]
+    apart = [key for key in keys if not values[0][key] & values[1][key]]
     equal = [key for key in keys if key not in apart]
-    for _, row in one.iterrows():
-        if any(_same(row[key]) != _same(reference.get(key, row[key])) for key in apart):
+    matches: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for row in of[other]:
+        matches.setdefault(tuple(row[key] for key in equal), []).append(row)
+    for row in of[first]:
+        if any(row[key] != reference.get(key, row[key]) for key in apart):
             continue
-        for _, match in two.iterrows():
-            same = all(_same(row[key]) == _same(match[key]) for key in equal)
-            if same and row["curve"] != match["curve"]:
+        for match in matches.get(tuple(row[key] for key in equal), []):
+            if row["curve"] != match["curve"]:
                 yield Comparison(
                     "scene",
                     first,
@@ -144,46 +148,52 @@ def _scenes(
 
 
 def _slopes(
-    scene: str, table: "pd.DataFrame", parameter: Column, others: Sequence[str]
+    scene: str, rows: Sequence[Mapping[str, Any]], parameter: Column, others: Sequence[str]
 ) -> Iterator[Comparison]:
     """Fit lines to curves that differ in a parameter that is a number."""
     key = parameter.name
-    known = table[table[key].notna()]
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for place, row in enumerate(known[list(others)].itertuples(index=False, name=None)):
-        groups.setdefault(tuple(map(_same, row)), []).append(place)
-    for places in groups.values():
-        group = known.iloc[places].sort_values(key)
-        x = group[key].to_numpy(dtype=np.float64)
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row[key] is not None:
+            groups.setdefault(tuple(row[other] for other in others), []).append(row)
+    for found in groups.values():
+        group = sorted(found, key=lambda row: float(row[key]))
+        x = np.array([float(row[key]) for row in group])
         positive = x[x > 0]
         span = positive[-1] / positive[0] if len(positive) else 1.0
         wide = span >= (_WIDE if x[0] > 0 else _WIDE_WITHOUT_ZERO)
         logarithmic = x[0] >= 0 and len(positive) > 1 and (wide or parameter.unit != "1")
         if logarithmic:
-            group, x = group[x > 0], np.log(positive)
+            group, x = group[-len(positive) :], np.log(positive)
         if len(x) < 2:
             continue
         aside = x - x.mean()
         yield Comparison(
             key,
             scene,
-            tuple(group["curve"]),
-            {other: group[other].iloc[0] for other in others},
+            tuple(row["curve"] for row in group),
+            {other: group[0][other] for other in others},
             "",
-            "; ".join(f"{value:g}" for value in group[key]),
+            "; ".join(f"{row[key]:g}" for row in group),
             "exponent" if logarithmic else "slope",
             aside / (aside**2).sum(),
         )
 
 
 def _words(
-    scene: str, table: "pd.DataFrame", key: str, others: Sequence[str], usual: Any
+    scene: str,
+    rows: Sequence[Mapping[str, Any]],
+    key: str,
+    others: Sequence[str],
+    usual: Any,
 ) -> Iterator[Comparison]:
     """Compare curves that differ in a parameter that is a word with those of the usual word."""
-    for _, row in table[table[key] != usual].iterrows():
-        for _, match in table[table[key] == usual].iterrows():
+    for row in rows:
+        for match in rows:
+            if row[key] == usual or match[key] != usual:
+                continue
             # A parameter that one of the two does not have (a plateau's ends) cannot differ.
-            pairs = [(_same(row[other]), _same(match[other])) for other in others]
+            pairs = [(row[other], match[other]) for other in others]
             if all(a == b or a is None or b is None for a, b in pairs):
                 yield Comparison(
                     key,
@@ -195,11 +205,6 @@ def _words(
                     "ratio",
                     np.array([1.0, -1.0]),
                 )
-
-
-def _same(value: Any) -> Any:
-    """Return a value that is equal to itself also where it is missing."""
-    return None if value is None or value != value else value
 
 
 def _rows(
@@ -228,7 +233,7 @@ def _rows(
         return np.where(usable, np.log(np.where(usable, y, 1.0)), np.nan)
 
     def statistic(counts: Sequence[FloatArray]) -> FloatArray:
-        effect = np.tensordot(comparison.weights, logarithms(counts), axes=1)
+        effect = np.einsum("c,cqk->qk", comparison.weights, logarithms(counts))
         return np.where(np.abs(effect) < _ROUNDING, 0.0, effect)
 
     lost = np.isnan(logarithms([np.ones((1, size)) for size in ensemble.sizes])[..., 0])

@@ -49,9 +49,7 @@ def curves_table(
         Of the bootstrap.
     """
     rows = waves.rows(runs["job"])
-    values = np.column_stack(
-        [waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows]]
-    )
+    values = np.column_stack([waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows]])
     facts = {"amplitude": waves.strain_amplitude[rows], "omega": waves.angular_frequency[rows]}
     moduli = [column.name for column in tables.MODULI[:4]]
     own = [
@@ -151,7 +149,10 @@ def _points_table(
         "replicates": [len(groups.get(p, ())) for p in points["point"]],
         "planned": points["point"].map(counts),
         "failed": points["point"].map(failures),
-        "flagged": points["point"].map(runs.groupby("point")["flagged"].sum()).fillna(0).astype(int),
+        "flagged": points["point"]
+        .map(runs.groupby("point")["flagged"].sum())
+        .fillna(0)
+        .astype(int),
         "n": [len(usable.get(p, ())) for p in points["point"]],
     }
     own = _values(runs, own_names)

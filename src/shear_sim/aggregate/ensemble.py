@@ -66,10 +66,25 @@ class Ensemble:
             drawn has the mean nan.
         """
         with np.errstate(invalid="ignore", divide="ignore"):
-            if self._paired:
-                [drawn] = counts
-                there: FloatArray = self._there @ drawn.T
-                means: FloatArray = (self._sums @ drawn.T) / there[:, None]
-                return means
-            pairs = zip(self._points, counts, strict=True)
-            return np.array([p.values.T @ drawn.T / drawn.sum(axis=1) for p, drawn in pairs])
+            if not self._paired:
+                pairs = zip(self._points, counts, strict=True)
+                return np.array(
+                    [_sums(p.values.T, drawn) / drawn.sum(axis=1) for p, drawn in pairs]
+                )
+            [drawn] = counts
+            points, contributions, n = self._sums.shape
+            sums = _sums(self._sums.reshape(-1, n), drawn).reshape(points, contributions, -1)
+            there = _sums(self._there, drawn)
+            # Where nobody is missing, which is nearly always, all points have the same divisor.
+            same = bool(self._there.all())
+            return sums / (there[0] if same else there[:, None])
+
+
+def _sums(values: FloatArray, drawn: FloatArray) -> FloatArray:
+    """Return the sums (C, K) of values (C, n) that were drawn so often (K, n).
+
+    Written with einsum, not as a matrix product: that goes through BLAS, whose last bits depend on
+    the number of threads, and whose threads wait for each other on a busy machine.
+    """
+    found: FloatArray = np.einsum("cn,nk->ck", values, np.ascontiguousarray(drawn.T))
+    return found

@@ -32,9 +32,7 @@ class Curve(NamedTuple):
     planned: int  # runs at each amplitude, by the plan
 
 
-def find_curves(
-    planned: "pd.DataFrame", runs: "pd.DataFrame", waves: Waves
-) -> dict[str, Curve]:
+def find_curves(planned: "pd.DataFrame", runs: "pd.DataFrame", waves: Waves) -> dict[str, Curve]:
     """Return the curves of a study that have runs, by id.
 
     Parameters
@@ -44,8 +42,12 @@ def find_curves(
     """
     rows = waves.rows(runs["job"])
     values = np.column_stack(
-        [waves.storage_n[rows, 0], waves.loss_n[rows, 0], waves.storage_n[rows, 2],
-         waves.loss_n[rows, 2]]
+        [
+            waves.storage_n[rows, 0],
+            waves.loss_n[rows, 0],
+            waves.storage_n[rows, 2],
+            waves.loss_n[rows, 2],
+        ]
     )
     known = np.isfinite(values[:, 0])
     if AMPLITUDE not in runs:

@@ -64,11 +64,11 @@ def tables(whole):
     return aggregate(whole.folder, figures=False)
 
 
-def point(moduli, **keys):
+def point(points, **keys):
     for key, value in keys.items():
-        moduli = moduli[moduli[key.replace("__", ".")] == value]
-    assert len(moduli) == 1
-    return moduli.iloc[0]
+        points = points[points[key.replace("__", ".")] == value]
+    assert len(points) == 1
+    return points.iloc[0]
 
 
 def test_one_row_per_run_with_its_moduli(tables, whole):
@@ -84,15 +84,17 @@ def test_one_row_per_run_with_its_moduli(tables, whole):
     assert row["tan_delta"] == fit["loss"] / fit["storage"]
     assert row["total_stress"] == fit["total"]
     assert row["cycle_change"] == summary["quality"]["cycle_change"]
+    assert row["drift_ratio"] == summary["quality"]["drift_ratio"]
+    assert row["largest_jump"] == summary["quality"]["largest_jump"]
     assert row["model.modulus"] == summary["parameters"]["model"]["modulus"]
 
 
 def test_one_row_per_point_with_what_a_spring_and_a_dashpot_have(tables):
-    moduli = tables["moduli"]
-    assert len(moduli) == 8
-    assert (moduli["replicates"] == 11).all()
-    assert (moduli["planned"] == 11).all()
-    row = point(moduli, scene="stiff", model__viscosity=8.0)
+    curves = tables["curves"]
+    assert len(curves) == 8
+    assert (curves["replicates"] == 11).all()
+    assert (curves["planned"] == 11).all()
+    row = point(curves, scene="stiff", model__viscosity=8.0)
     assert row["block"] == "thick"
     assert row["storage_modulus_mean"] == pytest.approx(400, rel=0.02)
     assert row["loss_modulus_mean"] == pytest.approx(8 * OMEGA, abs=4)
@@ -103,23 +105,24 @@ def test_one_row_per_point_with_what_a_spring_and_a_dashpot_have(tables):
 
 
 def test_mean_median_and_interval_are_of_the_runs(tables):
-    runs, moduli = tables["runs"], tables["moduli"]
-    row = point(moduli, scene="soft", shear__strain_amplitude=0.1)
+    runs, curves = tables["runs"], tables["curves"]
+    row = point(curves, scene="soft", shear__strain_amplitude=0.1)
     values = runs.loc[runs["point"] == row["point"], "storage_modulus"].to_numpy()
-    assert row["storage_modulus_mean"] == values.mean()
+    assert row["storage_modulus_mean"] == pytest.approx(values.mean(), rel=1e-14)
     assert row["storage_modulus_median"] == np.median(values)
+    assert row["storage_modulus_sd"] == pytest.approx(values.std(ddof=1), rel=1e-14)
     expected = stats.bootstrap(
         (values,), np.mean, n_resamples=4999, rng=np.random.default_rng(row["ci_seed"])
     ).confidence_interval
-    assert row["storage_modulus_ci_low"] == expected.low
-    assert row["storage_modulus_ci_high"] == expected.high
+    assert row["storage_modulus_ci_low"] == pytest.approx(expected.low, rel=1e-12)
+    assert row["storage_modulus_ci_high"] == pytest.approx(expected.high, rel=1e-12)
 
 
 def test_rows_come_in_the_order_of_the_study_file(tables):
     """Not alphabetical: soft would come before stiff."""
-    moduli = tables["moduli"]
-    assert list(dict.fromkeys(moduli["scene"])) == ["stiff", "soft"]
-    soft = moduli[moduli["scene"] == "soft"]
+    curves = tables["curves"]
+    assert list(dict.fromkeys(curves["scene"])) == ["stiff", "soft"]
+    soft = curves[curves["scene"] == "soft"]
     assert soft["shear.strain_amplitude"].tolist() == [0.1, 0.2, 0.4]
 
 
@@ -138,7 +141,7 @@ def test_tables_are_the_same_at_every_aggregation_and_no_series_is_read_again(
 
 
 def test_parquet_carries_units_and_reads_back(whole, tables):
-    schema = pq.read_schema(whole.tables / "moduli.parquet")
+    schema = pq.read_schema(whole.tables / "curves.parquet")
     assert schema.field("storage_modulus_mean").metadata[b"unit"] == b"Pa"
     assert schema.field("model.modulus").metadata == {b"unit": b"Pa", b"description": b"G [Pa]"}
     assert schema.field("shear.strain_amplitude").metadata[b"unit"] == b"1"
@@ -162,12 +165,12 @@ def test_parameters_that_are_numbers_have_the_unit_1():
 
 
 def test_csv_names_carry_units(whole, tables):
-    read = pd.read_csv(whole.tables / "moduli.csv")
+    read = pd.read_csv(whole.tables / "curves.csv")
     assert "storage_modulus_mean_Pa" in read
     assert "model.modulus_Pa" in read
     assert "tan_delta_mean" in read
     assert "shear.strain_amplitude" in read
-    values = tables["moduli"]["storage_modulus_mean"]
+    values = tables["curves"]["storage_modulus_mean"]
     assert read["storage_modulus_mean_Pa"].tolist() == values.tolist()
     assert "drift_Pa_per_s" in pd.read_csv(whole.tables / "runs.csv")
 
@@ -188,15 +191,15 @@ def test_a_partial_study_says_so_everywhere(tmp_path):
     results.record_failure(Failure(lost.id, "physics", "the spring broke"))
     done = len(results.finished())
     tables = aggregate(results.folder)
-    moduli = tables["moduli"]
-    assert len(moduli) == 8
-    assert moduli["replicates"].sum() == done == len(tables["runs"])
-    assert moduli["planned"].sum() == 88
-    assert moduli["failed"].sum() == 1
-    nothing = point(moduli, scene="soft", shear__strain_amplitude=0.4)
+    curves = tables["curves"]
+    assert len(curves) == 8
+    assert curves["replicates"].sum() == done == len(tables["runs"])
+    assert curves["planned"].sum() == 88
+    assert curves["failed"].sum() == 1
+    nothing = point(curves, scene="soft", shear__strain_amplitude=0.4)
     assert (nothing["replicates"], nothing["storage_modulus_ci_method"]) == (0, "none")
     assert np.isnan(nothing["storage_modulus_mean"])
-    some = point(moduli, scene="soft", shear__strain_amplitude=0.1)
+    some = point(curves, scene="soft", shear__strain_amplitude=0.1)
     assert some["storage_modulus_ci_method"] == "t_log"
     assert some["storage_modulus_ci_flag"] == "fewer than 10 replicates"
     text = printed(tables)
@@ -208,7 +211,7 @@ def test_nothing_finished_yet(tmp_path):
     results = make(tmp_path, keep=lambda _: False)
     tables = aggregate(results.folder)
     assert len(tables["runs"]) == 0
-    assert tables["moduli"]["replicates"].tolist() == [0] * 8
+    assert tables["curves"]["replicates"].tolist() == [0] * 8
     assert "PARTIAL STUDY: 0 of 88 runs (0 failed, 88 not yet run)" in printed(tables)
     assert not list(results.figures.iterdir())
 
@@ -233,8 +236,8 @@ def test_old_points_keep_their_intervals_when_a_study_grows(tmp_path, tables, wh
     )
     old = whole.finished()
     grown = make(tmp_path, text, keep=lambda job: job.id in old)
-    new = aggregate(grown.folder, figures=False)["moduli"].set_index("point")
-    for _, row in tables["moduli"].iterrows():
+    new = aggregate(grown.folder, figures=False)["curves"].set_index("point")
+    for _, row in tables["curves"].iterrows():
         for name in ("storage_modulus_ci_low", "loss_modulus_ci_high", "ci_seed"):
             assert new.loc[row["point"], name] == row[name]
 
@@ -249,13 +252,14 @@ def test_flagged_runs_are_counted_in_and_counted(tmp_path):
     """Noise of 2 Pa at rest is more than a tenth of a stress amplitude of 4 Pa."""
     text = STUDY.replace("[0.1, 0.2, 0.4]", "[0.01, 0.4]").replace("11", "3")
     tables = aggregate(make(tmp_path, text).folder, figures=False)
-    loud = point(tables["moduli"], scene="stiff", shear__strain_amplitude=0.01)
-    quiet = point(tables["moduli"], scene="stiff", shear__strain_amplitude=0.4)
+    loud = point(tables["curves"], scene="stiff", shear__strain_amplitude=0.01)
+    quiet = point(tables["curves"], scene="stiff", shear__strain_amplitude=0.4)
     assert (loud["flagged"], loud["replicates"]) == (3, 3)
     assert quiet["flagged"] == 0
     runs = tables["runs"]
-    assert runs.loc[runs["point"] == loud["point"], "baseline_noisy"].all()
-    assert "runs are flagged" in printed(tables)
+    assert runs.loc[runs["point"] == loud["point"], "flags"].str.contains("baseline_noise").all()
+    assert (runs.loc[runs["point"] == quiet["point"], "flags"] == "").all()
+    assert re.search(r"runs are flagged \(.*baseline_noise \d", printed(tables))
 
 
 def test_runs_without_a_whole_period_have_no_moduli_and_are_flagged(tmp_path):
@@ -263,7 +267,7 @@ def test_runs_without_a_whole_period_have_no_moduli_and_are_flagged(tmp_path):
     tables = aggregate(make(tmp_path, text.replace("11", "2")).folder, figures=False)
     assert tables["runs"]["flagged"].all()
     assert tables["runs"]["no_moduli"].str.contains("at least one whole period").all()
-    assert (tables["moduli"]["replicates"] == 2).all()
+    assert (tables["curves"]["replicates"] == 2).all()
 
 
 def test_one_point(tmp_path):
@@ -271,15 +275,15 @@ def test_one_point(tmp_path):
     text = "model: {kind: kelvin_voigt, noise: 0.1}\nreplicates: 3\n"
     results = make(tmp_path, text)
     tables = aggregate(results.folder)
-    assert len(tables["moduli"]) == 1
+    assert len(tables["curves"]) == 1
     assert "3 of 3 runs" in printed(tables)
-    assert [path.name for path in results.figures.iterdir()] == ["example.png"]
+    assert {path.stem for path in results.figures.iterdir()} == {"example"}
 
 
 def test_figures_are_drawn_from_the_tables(whole):
     aggregate(whole.folder)
-    names = {path.name for path in whole.figures.iterdir()}
-    assert names == {"moduli.png", "moduli_branches.png", "example.png"}
+    names = {path.stem for path in whole.figures.iterdir()}
+    assert names == {"moduli", "moduli_branches", "example"}
 
 
 def test_the_screen_is_plain_where_it_is_no_terminal(tables):

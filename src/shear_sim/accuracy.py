@@ -450,9 +450,8 @@ def summarise_pairs(differences: FloatArray, failed: int, *, seed: int) -> dict[
     ``seed`` is that of the bootstrap: the same values have the same interval in every report.
     """
     row: dict[str, Any] = {"packings": len(differences), "failed": failed}
-    rng = np.random.default_rng(seed)
     for name, values in zip(("magnitude", "loss"), differences.T, strict=True):
-        found = interval(values, rng=rng)
+        found = interval(values, seed=seed)
         row |= {
             f"{name}_difference_mean": float(values.mean()) if len(values) else math.nan,
             f"{name}_difference_ci_low": found.low,

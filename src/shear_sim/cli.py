@@ -5,6 +5,7 @@ import signal
 import sys
 import warnings
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -48,6 +49,14 @@ RetryFailed = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RESULTS = Path("results")
+
+
+class Tensor(StrEnum):
+    """Stress tensors whose moduli can be tabulated."""
+
+    periodic = "periodic"
+    internal = "internal"
+    external = "external"
 
 
 def _version(wanted: bool) -> None:
@@ -204,6 +213,9 @@ def show(
 def aggregate(
     results: ResultsFolder,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Also draw.")] = True,
+    tensor: Annotated[
+        Tensor | None, typer.Option(help="Whose moduli the tables are of; default: all contacts.")
+    ] = None,
     historical: Annotated[
         bool,
         typer.Option(
@@ -218,7 +230,7 @@ def aggregate(
     from shear_sim import aggregate as aggregation
     from shear_sim.summary import print_summary
 
-    tables = aggregation.make_tables(results, historical=historical)
+    tables = aggregation.make_tables(results, tensor=tensor, historical=historical)
     print_summary(tables)  # first: the results may be somebody else's, and read-only
     aggregation.write(results, tables, figures=figures)
     written = ("tables", "figures") if figures else ("tables",)
@@ -242,6 +254,17 @@ def import_legacy(
     from shear_sim.legacy import importing
 
     typer.echo(importing.import_legacy(files, out))
+
+
+@app.command()
+def report(results: ResultsFolder) -> None:
+    """Aggregate a study and write report.html: one page with all of it, to be mailed.
+
+    Example: shear-sim report results/main
+    """
+    from shear_sim.report import write_report
+
+    typer.echo(f"written: {write_report(results)}")
 
 
 @app.command()

@@ -1,10 +1,10 @@
 r"""Landmarks of an amplitude sweep: plateau, softening, peak of G'', yield and what lies between.
 
 Between two strain amplitudes a sweep is taken for a power law in \|G*\| and for linear in the loss
-angle δ = atan2(G'', G'), both against ln A. That is a straight line in a log-log plot wherever G'
-and G'' are positive, and stays defined where G' falls through zero. Slopes and peaks are fitted to
-points within a fixed part of a decade, so that a finer grid of amplitudes does not change what they
-mean.
+angle δ = atan2(G'', G'), both against ln A. Wherever tan δ stays the same these are straight lines
+in a log-log plot of G' and G''; and they go on where G' falls through zero, where such a plot ends.
+Slopes and peaks are fitted to points within a fixed part of a decade, so that a finer grid of
+amplitudes does not change what they mean.
 
 All functions take many curves at once, one per column, since a bootstrap asks for thousands.
 """
@@ -264,7 +264,7 @@ def _first_peak(
     highest = np.maximum.accumulate(values, axis=0)
     with np.errstate(invalid="ignore"):  # −inf − −inf, before there is anything
         fallen = highest - values > margin
-    found = fallen.any(axis=0)
+    found: NDArray[np.bool_] = np.asarray(fallen.any(axis=0))
     end = np.where(found, fallen.argmax(axis=0), len(values))
     before = np.arange(len(values))[:, None] < end
     return np.where(before, values, -np.inf).argmax(axis=0), found

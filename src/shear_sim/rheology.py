@@ -55,8 +55,9 @@ class Moduli:
     ``storage`` and ``loss`` are the first harmonics G' and G''; ``in_phase`` = G' A,
     ``out_of_phase`` = G'' A and ``total`` = |G*| A are the primary values of Table S2-2.
     ``storage_n`` and ``loss_n`` hold G'_n and G''_n, n = 1 first. ``peak`` is half the peak-to-peak
-    of the fitted stress without its drift [Pa]. ``offset`` is τ₀, the mean stress [Pa], ``drift`` s [Pa/s] (0 where it is not fitted), ``residual`` the root mean square of what
-    the fit leaves [Pa]. ``storage_cycles`` and ``loss_cycles`` are G' and G'' of every whole period
+    of the fitted stress without its drift [Pa]. ``offset`` is τ₀, the mean stress [Pa], ``drift`` s
+    [Pa/s] (0 where it is not fitted), ``residual`` the root mean square of what the fit leaves
+    [Pa]. ``storage_cycles`` and ``loss_cycles`` are G' and G'' of every whole period
     by itself, the first included, after the drift is taken off: equal cycles are a stationary
     response. ``fitted_periods`` and ``rows`` say how much was fitted.
     """
@@ -274,9 +275,10 @@ def summarise(
         ``cycle_change``: relative change of |G*| between the last two periods; ``drift_ratio``:
         drift over one period / stress amplitude; ``jumps`` and ``largest_jump``: see `jumps`, of
         the periodic tensor during the oscillation) and ``flags`` (``baseline_noisy``,
-        ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady`` (see `steady_shear`) and ``flags``. A quantity that
-        does not exist, such as a baseline without a rest, is None. Where nothing can be fitted,
-        ``flags["no_moduli"]`` (``"no_steady"``) holds the reason.
+        ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
+        (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
+        without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
+        (``"no_steady"``) holds the reason.
 
     Raises
     ------

@@ -153,11 +153,10 @@ def intervals(
         msg = f"level = {level:g} must be between 0 and 1, as in 0.95"
         raise ValueError(msg)
     counted = min(sizes, default=0) if n is None else n
-    estimate = statistic([np.ones((1, size)) for size in sizes])[:, 0]
+    estimate, one_out = _jackknife(statistic, sizes)
     if counted < 2:
         few = "fewer than two replicates"
         return [Interval(float(e), math.nan, math.nan, "none", counted, few) for e in estimate]
-    one_out = [_jackknife(statistic, sizes, group) for group in range(len(sizes))]
     errors, freedom = _jackknife_error(one_out, sizes, counted)
     if counted < SMALLEST_BOOTSTRAP:
         found = _student(estimate, one_out, sizes, counted, positive, level)
@@ -173,12 +172,15 @@ def intervals(
 _Found = tuple[float, float, float, str, int, "str | None", float]
 
 
-def _jackknife(statistic: Statistic, sizes: Sequence[int], group: int) -> FloatArray:
-    """Return the values (Q, n) with each replicate of one group left out in turn."""
-    n = sizes[group]
-    counts = [np.ones((n, size)) for size in sizes]
-    counts[group] = 1.0 - np.eye(n)
-    return statistic(counts)
+def _jackknife(statistic: Statistic, sizes: Sequence[int]) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the values (Q,), and those (Q, n) of each group with each replicate left out."""
+    ends = np.cumsum([1, *sizes])
+    counts = [np.ones((ends[-1], size)) for size in sizes]
+    for drawn, start, end in zip(counts, ends[:-1], ends[1:], strict=True):
+        drawn[start:end] -= np.eye(end - start)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a group of one, without it
+        values = statistic(counts)
+    return values[:, 0], np.split(values[:, 1:], ends[1:-1] - 1, axis=1)
 
 
 def _jackknife_error(

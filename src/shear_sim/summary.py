@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 from shear_sim.statistics import SMALLEST_BOOTSTRAP
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 #: Tables with more points than this are shown by the ends of their curves.
 MOST_ROWS = 30
-_WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
+WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
 _PLAIN_WIDTH = 240  # of a line where the output is no terminal: it is cut by nobody
 #: Tables with a row per point, and what of them is shown.
 _SHOWN = {
@@ -30,6 +31,8 @@ _LANDMARKS = {
 }
 _SIGNIFICANT = 0.05
 
+InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows
+
 
 def print_summary(tables: "Mapping[str, pd.DataFrame]", console: "Console | None" = None) -> None:
     """Print the tables of `shear_sim.aggregate.aggregate` in short.
@@ -42,25 +45,35 @@ def print_summary(tables: "Mapping[str, pd.DataFrame]", console: "Console | None
     console = console or Console()
     if not console.is_terminal:
         console = Console(file=console.file, width=_PLAIN_WIDTH, color_system=None, soft_wrap=True)
-    shown: list[Any] = []
-    for name in _SHOWN:
-        if name in tables:
-            shown.append(_points(tables[name], name))
-    if len(tables.get("features", ())):
-        shown.append(_features(tables["features"], tables["curves"]))
-    if len(tables.get("contrasts", ())):
-        shown.append(_contrasts(tables["contrasts"]))
-    for title, headings, rows in shown:
-        if rows:
-            console.print(_grid(title, headings, rows, plain=not console.is_terminal))
-    for line in _notes(tables):
+    for title, headings, rows in in_short(tables):
+        console.print(_grid(title, headings, rows, plain=not console.is_terminal))
+    for line in notes(tables):
         console.print(line, highlight=False)
+
+
+def in_short(tables: "Mapping[str, pd.DataFrame]") -> list[InShort]:
+    """Return what a reader wants first of the tables: title, headings and rows of each.
+
+    Columns that are empty throughout are left out.
+    """
+    found = [_points(tables[name], name) for name in _SHOWN if name in tables]
+    if len(tables.get("features", ())):
+        found.append(_features(tables["features"], tables["curves"]))
+    if len(tables.get("contrasts", ())):
+        found.append(_contrasts(tables["contrasts"]))
+    shown = []
+    for title, headings, rows in found:
+        if rows:
+            used = [any(column) for column in zip(*rows, strict=True)]
+            kept = [list(compress(row, used)) for row in rows]
+            shown.append((title, list(compress(headings, used)), kept))
+    return shown
 
 
 def _grid(
     title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, plain: bool
 ) -> Any:
-    """Return a table to print, without the columns that are empty."""
+    """Return a table to print."""
     from rich import box
     from rich.table import Table
 
@@ -71,19 +84,15 @@ def _grid(
         box=None if plain else box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    used = [c for c, column in enumerate(zip(*rows, strict=True)) if any(column)]
-    for c in used:
-        words = headings[c] in _WORDS
-        grid.add_column(headings[c], justify="left" if words else "right", no_wrap=not words)
+    for heading in headings:
+        words = heading in WORDS
+        grid.add_column(heading, justify="left" if words else "right", no_wrap=not words)
     for row in rows:
-        grid.add_row(*[row[c] for c in used])
+        grid.add_row(*row)
     return grid
 
 
-_Grid = tuple[str, list[str], list[list[str]]]
-
-
-def _points(points: "pd.DataFrame", name: str) -> _Grid:
+def _points(points: "pd.DataFrame", name: str) -> InShort:
     """Return what is shown of a table with a row per point: title, headings, rows."""
     plan = variation(points)
     table = by_scene(points)
@@ -120,7 +129,7 @@ def _scene(row: Any, table: "pd.DataFrame") -> list[str]:
     return [str(row["scene"]) if table["scene"].nunique() > 1 else ""]
 
 
-def _features(features: "pd.DataFrame", curves: "pd.DataFrame") -> _Grid:
+def _features(features: "pd.DataFrame", curves: "pd.DataFrame") -> InShort:
     """Return what is shown of the landmarks: a line per curve."""
     plan = variation(curves)
     table = by_scene(features)
@@ -156,14 +165,17 @@ def _landmark(row: Any, quantity: str) -> str:
     return _estimate(row, quantity, quantity)
 
 
-def _contrasts(contrasts: "pd.DataFrame") -> _Grid:
+def _contrasts(contrasts: "pd.DataFrame") -> InShort:
     """Return what is shown of the contrasts: a line per comparison, of landmarks alone."""
     table = contrasts[contrasts["landmark"] != ""]
-    keys = [key for key in contrasts if "." in key and table[key].notna().any()]
+    keys = [str(key) for key in contrasts if "." in str(key)]
     headings = ["what", "of", "with", *_LANDMARKS.values()]
     rows = []
     groups = table.groupby(["parameter", "scene", "against", "effect"], sort=False, observed=True)
-    for (parameter, scene, _, effect), group in groups:
+    for _, group in groups:
+        parameter, scene, effect = (
+            str(group[name].iloc[0]) for name in ("parameter", "scene", "effect")
+        )
         held = [key for key in keys if group[key].nunique(dropna=False) > 1]
         for _, lines in group.groupby(["values", *held], sort=False, dropna=False):
             first = lines.iloc[0]
@@ -233,7 +245,7 @@ def _three_digits(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
+def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     """Return what a reader of the numbers must know."""
     found = [tables[name] for name in _SHOWN if name in tables]
     done, planned, failed, flagged = (
@@ -245,7 +257,7 @@ def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     if done < planned:
         lines[0] = f"PARTIAL STUDY: {lines[0]} ({failed:,} failed, {missing:,} not yet run)"
     about = tables["runs"].attrs
-    if about["program"] != "shear-sim":
+    if about.get("program", "shear-sim") != "shear-sim":
         lines.append(
             f"imported from {about['program']}; G′ and G″ are of the {about['tensor']} tensor"
         )
@@ -256,6 +268,14 @@ def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
             f"{flagged:,} runs are flagged ({', '.join(named) or 'no result'}; columns flags and "
             "flagged of tables/runs); they count in"
         )
+    features = tables.get("features")
+    if features is not None and len(features):
+        of = features[features["landmark"] == "low_strain_plateau"]
+        if steep := int(of["storage_modulus_ci_flag"].str.contains("no plateau").sum()):
+            lines.append(
+                f"{steep:,} of {len(of):,} curves soften before their second amplitude: their "
+                "plateau and softening are those of the smallest amplitude"
+            )
     if orphans := tables["runs"].attrs.get("orphans", 0):
         lines.append(f"{orphans:,} results are of jobs outside the plan; they are not counted")
     weak = sum(

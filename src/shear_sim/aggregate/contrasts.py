@@ -6,9 +6,9 @@ else is equal in a comparison; curves are compared over the strain amplitudes th
 with landmarks found anew on those.
 
 Every effect is a difference of logarithms, so that it has no unit: a ratio, an exponent
-d ln y/d ln x (of x > 0 over a wide range, or with a unit) or a slope d ln y/d x. Slopes weigh the
+d ln y/d ln x (of x > 0 over a wide range, or with a unit) or a slope d ln y/d x. Slopes weigh all
 values of x equally; their intervals say how well they are known over the packings, not how straight
-the line is. In a random design no two points differ in one parameter alone, and nothing is compared.
+the line is. In a random design no two points differ in one thing alone, and nothing is compared.
 """
 
 import math
@@ -77,7 +77,8 @@ def contrasts_table(
     rows: list[dict[str, Any]] = []
     for comparison in find_comparisons(planned, parameters):
         if all(curve in curves for curve in comparison.curves):
-            rows += _rows(comparison, [curves[c] for c in comparison.curves], paired, seed)
+            of = [curves[curve] for curve in comparison.curves]
+            rows += compare(comparison, of, paired=paired, seed=seed)
     columns = [*tables.CONTRASTS[:2], *parameters, *tables.CONTRASTS[2:]]
     names = [column.name for column in columns]
     data = pd.DataFrame(rows, columns=names)
@@ -97,7 +98,8 @@ def find_comparisons(planned: "pd.DataFrame", parameters: Sequence[Column]) -> I
     table = by_scene(points.drop_duplicates("curve"))[["curve", "scene", *keys]]
     table = table.astype(object).where(table.notna(), None)  # None is equal to itself, nan is not
     of: dict[str, list[dict[str, Any]]] = {}
-    for row in table.to_dict("records"):
+    for values in table.itertuples(index=False, name=None):
+        row = dict(zip(["curve", "scene", *keys], values, strict=True))
         of.setdefault(row["scene"], []).append(row)
     scenes = list(of)
     for other in scenes[1:]:
@@ -207,10 +209,27 @@ def _words(
                 )
 
 
-def _rows(
-    comparison: Comparison, curves: Sequence[Curve], paired: bool, seed: int
+def compare(
+    comparison: Comparison,
+    curves: Sequence[Curve],
+    *,
+    paired: bool,
+    seed: int,
+    resamples: int = RESAMPLES,
 ) -> list[dict[str, Any]]:
-    """Return the rows of one comparison: landmarks, then moduli at each common amplitude."""
+    """Return the rows of one comparison: landmarks, then moduli at each common amplitude.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        What is compared.
+    curves : sequence of Curve
+        Its curves.
+    paired : bool
+        See `Ensemble`.
+    seed, resamples : int
+        Of the bootstrap.
+    """
     common = sorted(set.intersection(*[set(curve.amplitudes.tolist()) for curve in curves]))
     if not common:
         return []
@@ -242,6 +261,7 @@ def _rows(
         ensemble.sizes,
         n=ensemble.n,
         positive=np.zeros(len(keys), dtype=bool),
+        resamples=resamples,
         seed=seed,
     )
     about = {
@@ -253,7 +273,7 @@ def _rows(
         "replicates": ensemble.n,
         "planned": min(curve.planned for curve in curves),
         "ci_level": LEVEL,
-        "ci_resamples": RESAMPLES,
+        "ci_resamples": resamples,
         "ci_seed": seed,
         **comparison.held,
     }

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 FEWEST_AMPLITUDES = 3  # of a curve with landmarks
+_OF_PLATEAU = ("low_strain_plateau", "softening", "half_loss")
 
 
 class Curve(NamedTuple):
@@ -128,9 +129,9 @@ def features_table(
             "planned": found.planned,
             "amplitudes": len(found.amplitudes),
         }
-        of_curve = _intervals(found, ensemble, seed)
+        of_curve = landmark_intervals(found, ensemble, seed=seed)
         about |= {"ci_level": LEVEL, "ci_resamples": RESAMPLES, "ci_seed": seed}
-        rows += [about | _row(name, found, of_curve[name]) for name in tables.LANDMARKS]
+        rows += [about | _row(name, found, of_curve) for name in tables.LANDMARKS]
     columns = [
         *tables.FEATURES[:2],
         *kept,
@@ -146,8 +147,25 @@ def features_table(
     return frame(data, columns, ["scene", *[parameter.name for parameter in kept]])
 
 
-def _intervals(curve: Curve, ensemble: Ensemble, seed: int) -> dict[str, dict[str, Interval]]:
-    """Return the interval of each quantity of each landmark."""
+def landmark_intervals(
+    curve: Curve, ensemble: Ensemble, *, seed: int, resamples: int = RESAMPLES
+) -> dict[str, dict[str, Interval]]:
+    """Return the interval of each quantity of each landmark of a curve.
+
+    Parameters
+    ----------
+    curve : Curve
+        Three amplitudes or more.
+    ensemble : Ensemble
+        Of the points of the curve.
+    seed, resamples : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    dict of dict
+        By landmark, then by `FEATURE_QUANTITIES`; strains beyond the amplitudes are infinite.
+    """
     keys = [(name, c.name) for name in tables.LANDMARKS for c in tables.FEATURE_QUANTITIES]
 
     def statistic(counts: Sequence[FloatArray]) -> FloatArray:
@@ -155,16 +173,16 @@ def _intervals(curve: Curve, ensemble: Ensemble, seed: int) -> dict[str, dict[st
         values = {name: quantities(landmark) for name, landmark in found.items()}
         return np.array([values[name][quantity] for name, quantity in keys])
 
-    found = intervals(statistic, ensemble.sizes, n=ensemble.n, seed=seed)
+    found = intervals(statistic, ensemble.sizes, n=ensemble.n, resamples=resamples, seed=seed)
     nested: dict[str, dict[str, Interval]] = {name: {} for name in tables.LANDMARKS}
     for (name, quantity), one in zip(keys, found, strict=True):
         nested[name][quantity] = one
     return nested
 
 
-def _row(name: str, curve: Curve, found: Mapping[str, Interval]) -> dict[str, Any]:
+def _row(name: str, curve: Curve, of: Mapping[str, Mapping[str, Interval]]) -> dict[str, Any]:
     """Return what ``features`` says of one landmark."""
-    strain = found["strain"]
+    found, strain = of[name], of[name]["strain"]
     smallest, largest = float(curve.amplitudes[0]), float(curve.amplitudes[-1])
     censored, limit = "", math.nan
     if math.isnan(strain.estimate):
@@ -192,6 +210,10 @@ def _row(name: str, curve: Curve, found: Mapping[str, Interval]) -> dict[str, An
             f"{quantity}_ci_method": one.method,
             f"{quantity}_ci_flag": one.flag or "",
         }
+    if name in _OF_PLATEAU and of["softening"]["strain"].estimate < curve.amplitudes[1]:
+        for quantity in found:
+            flags = [row[f"{quantity}_ci_flag"], "no plateau: G' softens before the 2nd amplitude"]
+            row[f"{quantity}_ci_flag"] = "; ".join(filter(None, flags))
     # An end beyond the amplitudes is known to lie there, and no better.
     low, high = row["strain_ci_low"], row["strain_ci_high"]
     row["strain_ci_low"] = {math.inf: largest, -math.inf: 0.0}.get(low, low)

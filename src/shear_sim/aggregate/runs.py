@@ -39,7 +39,7 @@ def labelled(planned: "pd.DataFrame", scene_order: Sequence[str]) -> "pd.DataFra
     known = {scene: place for place, scene in enumerate(scene_order)}
     order = sorted(scenes.unique(), key=lambda s: (known.get(s.split(SEPARATOR)[0], len(known)), s))
     scene = pd.Categorical(scenes, categories=order, ordered=True)
-    keys = [name for name in planned if "." in name and name != AMPLITUDE]
+    keys = [name for name in map(str, planned) if "." in name and name != AMPLITUDE]
     points = planned.drop_duplicates("point")
     values = points[keys].astype(object).where(points[keys].notna(), None)
     ids = [_digest(row) for row in values.itertuples(index=False, name=None)]
@@ -81,7 +81,7 @@ class Waves:
         """Return the places of these jobs in the arrays."""
         import pandas as pd
 
-        return pd.Index(self.job).get_indexer(jobs.to_list())
+        return pd.Index(self.job).get_indexer(pd.Index(jobs))
 
     def measures(self, rows: NDArray[np.intp]) -> dict[str, FloatArray]:
         """Return the large-amplitude measures of these runs."""

@@ -159,6 +159,8 @@ def test_an_imported_run_says_what_it_is(old):
         assert summary["run"]["program"] == "particleShear"
         assert re.fullmatch(r"run_\d+\.txt", summary["run"]["file"])
         assert summary["run"]["assumed"] == "contact law"
+        assert "version" not in summary["run"]  # ours did not make it, but import it
+        assert summary["run"]["imported_by"]["version"]
         assert summary["parameters"]["integrator"] == {
             "scheme": "semi_implicit_euler",
             "steps_per_period": 80,

@@ -185,7 +185,7 @@ def _import_runs(runs: Sequence[_Run], staging: Results, screen: Screen) -> tupl
             path = staging.job_file(run.id)
             try:
                 summary = read_summary(path)
-                if summary["job"] != run.job or summary["run"]["version"] != version:
+                if summary["job"] != run.job or summary["run"]["imported_by"]["version"] != version:
                     raise TableError
             except TableError:
                 try:
@@ -255,7 +255,7 @@ def _import_run(run: _Run, path: Path) -> dict[str, Any]:
             "assumed": ", ".join(("contact law", *run.header.assumed)),
             "imported": datetime.now(UTC).isoformat(timespec="milliseconds"),
             "import_cpu_s": round(time.process_time() - cpu, 6),
-            **environment(),
+            "imported_by": environment(),
         },
     }
     write_table(path, stored, models.model(MODEL).COLUMNS, summary)

@@ -7,13 +7,16 @@ import re
 import kelvin_voigt
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 from scipy import stats
 
 from shear_sim import aggregate as module
-from shear_sim.aggregate import aggregate, load
+from shear_sim.aggregate import aggregate, load, make_tables
+from shear_sim.aggregate.curves import steady_table
+from shear_sim.aggregate.runs import Waves, runs_table
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
@@ -190,7 +193,7 @@ def test_a_partial_study_says_so_everywhere(tmp_path):
     results.job_file(lost.id).unlink(missing_ok=True)
     results.record_failure(Failure(lost.id, "physics", "the spring broke"))
     done = len(results.finished())
-    tables = aggregate(results.folder)
+    tables = aggregate(results.folder, figures=False)
     curves = tables["curves"]
     assert len(curves) == 8
     assert curves["replicates"].sum() == done == len(tables["runs"])
@@ -274,7 +277,7 @@ def test_one_point(tmp_path):
     """Nothing varies: no axis, no panels, still tables."""
     text = "model: {kind: kelvin_voigt, noise: 0.1}\nreplicates: 3\n"
     results = make(tmp_path, text)
-    tables = aggregate(results.folder)
+    tables = aggregate(results.folder, figures=False)
     assert len(tables["curves"]) == 1
     assert "3 of 3 runs" in printed(tables)
     assert {path.stem for path in results.figures.iterdir()} == {"example"}
@@ -306,26 +309,119 @@ def test_steady_shear_has_its_own_table():
         {
             "job": ["a", "b"],
             "point": ["1" * 16] * 2,
+            "curve": ["2" * 16] * 2,
             "replicate": [0, 1],
             "scene": pd.Categorical(["", ""]),
             "block": ["", ""],
         }
     )
-    index = pd.DataFrame(
+    index = pa.table(
         {
             "job": ["a", "b"],
             "steady.shear_stress": [10.0, 14.0],
             "steady.viscosity": [5.0, 7.0],
             "steady.stress_ratio": [0.2, 0.3],
-            "flags.no_steady": [None, None],
+            "flags.no_steady": pa.array([None, None], pa.string()),
         }
     )
-    runs = module.runs_table(planned, index, [])
+    runs = runs_table(planned, index.to_pandas(), [], Waves(index, "periodic"))
     assert runs["viscosity"].tolist() == [5.0, 7.0]
     assert not runs["flagged"].any()
-    points = module.points_table(planned, runs, [], module.POINT_TABLES["steady"][1])
+    points = steady_table(planned, runs, [], seed=1)
     assert points.loc[0, "viscosity_mean"] == 6.0
     assert points.attrs["units"]["viscosity_mean"] == "Pa s"
+
+
+def test_cycles_and_harmonics_have_a_row_each(tables, whole):
+    runs, cycles, harmonics = (tables[name] for name in ("runs", "cycles", "harmonics"))
+    assert len(cycles) == 3 * len(runs)
+    assert len(harmonics) == 9 * len(runs)
+    job = runs["job"].iloc[17]
+    summary = json.loads(pq.read_metadata(whole.job_file(job)).metadata[b"shear_sim"])
+    fit = summary["moduli"]["periodic"]
+    of_run = cycles[cycles["job"] == job]
+    assert of_run["cycle"].tolist() == [1, 2, 3]
+    assert of_run["fitted"].tolist() == [False, True, True]
+    assert of_run["storage_modulus"].tolist() == fit["storage_cycles"]
+    assert of_run["loss_modulus"].tolist() == fit["loss_cycles"]
+    of_run = harmonics[harmonics["job"] == job]
+    assert of_run["harmonic"].tolist() == list(range(1, 10))
+    assert of_run["storage_modulus"].tolist() == fit["storage_n"]
+    assert of_run["loss_modulus"].tolist() == fit["loss_n"]
+    third = np.hypot(fit["storage_n"][2], fit["loss_n"][2]) / np.hypot(fit["storage"], fit["loss"])
+    assert of_run["relative_intensity"].iloc[2] == pytest.approx(third, rel=1e-14)
+    row = runs[runs["job"] == job].iloc[0]
+    assert row["third_harmonic_ratio"] == pytest.approx(third, rel=1e-14)
+    assert row["dissipated_energy"] == pytest.approx(
+        np.pi * row["shear.strain_amplitude"] ** 2 * fit["loss"], rel=1e-14
+    )
+
+
+def test_curves_are_of_the_mean_response_and_not_of_noise(tables):
+    """A spring and a dashpot have no third harmonic; that of each noisy run has a size."""
+    runs, harmonics = tables["runs"], tables["harmonics"]
+    row = point(tables["curves"], scene="soft", shear__strain_amplitude=0.1)
+    of_point = harmonics[harmonics["point"] == row["point"]]
+    mean = of_point.groupby("harmonic")[["storage_modulus", "loss_modulus"]].mean()
+    size = np.hypot(mean["storage_modulus"], mean["loss_modulus"])
+    assert row["third_harmonic_ratio_mean"] == pytest.approx(size[3] / size[1], rel=1e-12)
+    assert row["complex_modulus_mean"] == pytest.approx(size[1], rel=1e-12)
+    own = runs.loc[runs["point"] == row["point"], "third_harmonic_ratio"]
+    assert row["third_harmonic_ratio_mean"] < 0.6 * own.mean()
+    assert row["third_harmonic_ratio_median"] == own.median()
+
+
+def test_a_spring_and_a_dashpot_never_yield(tables):
+    features = tables["features"]
+    assert set(features["scene"]) == {"stiff", "soft"}
+    assert len(features) == 2 * 8  # the curves of one amplitude have no landmarks
+    for _, row in features[features["landmark"] == "yield"].iterrows():
+        assert (row["censored"], row["strain_limit"], row["censored_resamples"]) == (
+            "above",
+            0.4,
+            1,
+        )
+        assert np.isnan(row["strain"])
+        assert (row["strain_ci_low"], row["strain_ci_high"]) == (0.4, np.inf)
+    plateau = features[features["landmark"] == "low_strain_plateau"].set_index("scene")
+    assert plateau.loc["stiff", "storage_modulus"] == pytest.approx(400, rel=0.05)
+    assert plateau.loc["stiff", "strain"] == 0.1
+    assert (plateau["replicates"] == 11).all()
+    assert "> 0.4" in printed(tables)
+
+
+def test_contrasts_find_what_was_put_in(tables):
+    """Stiff against soft is 8 to 1; G'' of 2, 5 and 8 Pa s is proportional to the viscosity."""
+    contrasts = tables["contrasts"]
+    scenes = contrasts[(contrasts["parameter"] == "scene") & (contrasts["landmark"] == "")]
+    storage = scenes[scenes["quantity"] == "storage_modulus"]
+    assert storage["shear.strain_amplitude"].tolist() == [0.1, 0.2, 0.4]
+    assert storage["estimate"].to_numpy() == pytest.approx(8, rel=0.1)
+    assert (storage["p_holm"] < 1e-6).all()
+    assert set(storage["against"]) == {"soft"}
+    loss = scenes[scenes["quantity"] == "loss_modulus"]
+    assert (loss["ci_low"] < 1.3).all()
+    assert (loss["ci_high"] > 0.7).all()
+    slopes = contrasts[contrasts["parameter"] == "model.viscosity"].set_index("quantity")
+    assert slopes["effect"].tolist() == ["exponent", "exponent"]  # its unit is no number
+    assert slopes.loc["loss_modulus", "ci_low"] < 1 < slopes.loc["loss_modulus", "ci_high"]
+    # The noise of a replicate is the same at both: in pairs, the spring does not differ at all.
+    assert slopes.loc["storage_modulus", ["estimate", "ci_low", "ci_high"]].tolist() == [0, 0, 0]
+    assert slopes.loc["storage_modulus", "p"] == 1
+    assert slopes.loc["storage_modulus", "values"] == "2; 5; 8"
+    assert np.isnan(slopes["model.viscosity"]).all()
+    assert (slopes["model.modulus"] == 400).all()
+    assert (contrasts["p_holm"] >= contrasts["p"]).all()
+
+
+def test_a_table_of_another_tensor_is_asked_for_by_name(whole):
+    """This model has the periodic one alone: then there is nothing in the others."""
+    tables = make_tables(whole.folder, tensor="internal")
+    assert (tables["curves"]["n"] == 0).all()
+    assert len(tables["harmonics"]) == len(tables["features"]) == len(tables["contrasts"]) == 0
+    assert tables["runs"]["flagged"].all()
+    with pytest.raises(ValueError, match="give one of periodic, internal, external"):
+        make_tables(whole.folder, tensor="surface")
 
 
 assert kelvin_voigt.PHYSICS_VERSION == 1  # its import makes the model known

@@ -280,13 +280,13 @@ def test_one_point(tmp_path):
     tables = aggregate(results.folder, figures=False)
     assert len(tables["curves"]) == 1
     assert "3 of 3 runs" in printed(tables)
-    assert {path.stem for path in results.figures.iterdir()} == {"example"}
+    assert len(tables["features"]) == len(tables["contrasts"]) == 0
 
 
 def test_figures_are_drawn_from_the_tables(whole):
     aggregate(whole.folder)
     names = {path.stem for path in whole.figures.iterdir()}
-    assert names == {"moduli", "moduli_branches", "example"}
+    assert names >= {"moduli", "moduli_branches", "example"}
 
 
 def test_the_screen_is_plain_where_it_is_no_terminal(tables):
@@ -411,7 +411,8 @@ def test_contrasts_find_what_was_put_in(tables):
     assert slopes.loc["storage_modulus", "values"] == "2; 5; 8"
     assert np.isnan(slopes["model.viscosity"]).all()
     assert (slopes["model.modulus"] == 400).all()
-    assert (contrasts["p_holm"] >= contrasts["p"]).all()
+    known = contrasts[contrasts["p"].notna()]
+    assert (known["p_holm"] >= known["p"]).all()
 
 
 def test_a_table_of_another_tensor_is_asked_for_by_name(whole):

@@ -216,6 +216,12 @@ def aggregate(
     tensor: Annotated[
         Tensor | None, typer.Option(help="Whose moduli the tables are of; default: all contacts.")
     ] = None,
+    historical: Annotated[
+        bool,
+        typer.Option(
+            "--historical", help="Also the moduli as particleShear and its R scripts did."
+        ),
+    ] = False,
 ) -> None:
     """Make the tables and figures of a study from its results, also from partial ones.
 
@@ -224,11 +230,30 @@ def aggregate(
     from shear_sim import aggregate as aggregation
     from shear_sim.summary import print_summary
 
-    tables = aggregation.make_tables(results, tensor=tensor)
+    tables = aggregation.make_tables(results, tensor=tensor, historical=historical)
     print_summary(tables)  # first: the results may be somebody else's, and read-only
     aggregation.write(results, tables, figures=figures)
     written = ("tables", "figures") if figures else ("tables",)
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
+
+
+@app.command()
+def import_legacy(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILES", help="Output files (.txt, .txt.gz; split: .txt, .rda), or folders."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Results folder to make.")],
+) -> None:
+    """Read output files of particleShear into a results folder, to aggregate as any other.
+
+    Example: shear-sim import-legacy old_runs/*.txt --out results/old
+    """
+    from shear_sim.legacy import importing
+
+    typer.echo(importing.import_legacy(files, out))
 
 
 @app.command()
@@ -362,12 +387,13 @@ def main() -> NoReturn:
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
     from shear_sim.document import StudyError
+    from shear_sim.legacy.headers import LegacyError
     from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError
 
-    if isinstance(error, StudyError | PlanError | ResultsError | TableError):
+    if isinstance(error, StudyError | LegacyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)

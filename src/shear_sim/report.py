@@ -41,7 +41,7 @@ _WORDS = WORDS | {
     "job", "kind", "reason", "why", "parameter", "unit", "values", "version", "git commit",
     "python", "numpy", "numba", "processor",
 }  # fmt: skip
-_RUN_BY = ("version", "git_commit", "python", "numpy", "numba", "processor")
+_RUN_BY = ("program", "version", "git_commit", "python", "numpy", "numba", "processor")
 
 
 def write_report(folder: Path | str) -> Path:

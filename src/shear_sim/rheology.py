@@ -250,7 +250,9 @@ def _design(phase: FloatArray, start: int, stop: int, periods: int, harmonics: i
     return _Design(start, stop, periods, drift, matrix, solve)
 
 
-def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) -> dict[str, Any]:
+def summarise(
+    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any], tensor: str = "periodic"
+) -> dict[str, Any]:
     """Return the JSON-ready rheology of one job, the same at run time and in ``aggregate``.
 
     Parameters
@@ -260,6 +262,9 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         shear ``pressure`` [Pa] as well. Series that were not recorded give null.
     protocol : mapping
         The ``protocol`` block of the simulation's summary.
+    tensor : str
+        The one of `TENSORS` by which an oscillatory run is judged: any other than ``periodic`` only
+        for runs that have no periodic one.
 
     Returns
     -------
@@ -287,13 +292,14 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         raise ValueError(msg)
     found: dict[str, Moduli | None] = {}
     reason = None
-    for tensor, name in TENSORS.items():
-        found[tensor] = None
+    for each, name in TENSORS.items():
+        found[each] = None
         if name not in columns:
-            reason = reason or f"the columns that give {name} are not recorded"
+            if each == tensor or each != "periodic":
+                reason = reason or f"the columns that give {name} are not recorded"
             continue
         try:
-            found[tensor] = moduli(
+            found[each] = moduli(
                 columns["time"],
                 columns[name],
                 strain_amplitude=protocol["strain_amplitude"],
@@ -303,19 +309,22 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
             )
         except ValueError as error:
             reason = reason or str(error)
+    judged = columns
+    if tensor != "periodic":
+        judged = {**columns, "shear_stress": columns[TENSORS[tensor]]}
     quality = {
-        "baseline_noise": _baseline_noise(columns, protocol, found["periodic"]),
+        "baseline_noise": _baseline_noise(judged, protocol, found[tensor]),
         "surface_internal_ratio": _surface_internal_ratio(found["internal"], found["external"]),
-        "cycle_change": _cycle_change(found["periodic"]),
-        "drift_ratio": _drift_ratio(found["periodic"], protocol),
-        **_jumps(columns, protocol),
+        "cycle_change": _cycle_change(found[tensor]),
+        "drift_ratio": _drift_ratio(found[tensor], protocol),
+        **_jumps(judged, protocol),
     }
     flags: dict[str, Any] = {
         "baseline_noisy": _outside("baseline_noise", quality),
         "surface_internal_differ": _outside("surface_internal_ratio", quality),
         "no_moduli": reason,
     }
-    as_json = {tensor: None if fit is None else _jsonable(fit) for tensor, fit in found.items()}
+    as_json = {each: None if fit is None else _jsonable(fit) for each, fit in found.items()}
     return {"moduli": as_json, "quality": quality, "flags": flags}
 
 

@@ -256,6 +256,11 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     lines = [f"{done:,} of {planned:,} runs"]
     if done < planned:
         lines[0] = f"PARTIAL STUDY: {lines[0]} ({failed:,} failed, {missing:,} not yet run)"
+    about = tables["runs"].attrs
+    if about.get("program", "shear-sim") != "shear-sim":
+        lines.append(
+            f"imported from {about['program']}; G′ and G″ are of the {about['tensor']} tensor"
+        )
     if flagged:
         flags = tables["runs"]["flags"].str.split("; ").explode()
         named = [f"{name} {count:,}" for name, count in flags[flags != ""].value_counts().items()]

@@ -20,10 +20,12 @@ from shear_sim import models
 from shear_sim.aggregate.columns import TENSORS
 from shear_sim.aggregate.contrasts import contrasts_table
 from shear_sim.aggregate.curves import curves_table, steady_table
+from shear_sim.aggregate.estimators import historical_table
 from shear_sim.aggregate.features import features_table, find_curves
 from shear_sim.aggregate.frame import describe_parameter, load, save
 from shear_sim.aggregate.runs import Waves, cycles_table, harmonics_table, labelled, runs_table
 from shear_sim.results import Results, ResultsError, read_job
+from shear_sim.rheology import TENSORS as SHEAR_STRESS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +35,11 @@ __all__ = ["aggregate", "describe_parameter", "load", "make_tables", "save", "wr
 
 
 def aggregate(
-    folder: Path | str, *, figures: bool = True, tensor: str | None = None
+    folder: Path | str,
+    *,
+    figures: bool = True,
+    tensor: str | None = None,
+    historical: bool = False,
 ) -> "dict[str, pd.DataFrame]":
     """Turn the results of a study, complete or not, into tables and figures.
 
@@ -43,7 +49,7 @@ def aggregate(
         ``results/<study>``.
     figures : bool
         Whether to draw the figures as well.
-    tensor
+    tensor, historical
         See `make_tables`.
 
     Returns
@@ -58,7 +64,7 @@ def aggregate(
     TableError
         If its plan is missing or damaged.
     """
-    tables = make_tables(folder, tensor=tensor)
+    tables = make_tables(folder, tensor=tensor, historical=historical)
     write(folder, tables, figures=figures)
     return tables
 
@@ -88,7 +94,9 @@ def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: 
         raise ResultsError(msg) from error
 
 
-def make_tables(folder: Path | str, *, tensor: str | None = None) -> "dict[str, pd.DataFrame]":
+def make_tables(
+    folder: Path | str, *, tensor: str | None = None, historical: bool = False
+) -> "dict[str, pd.DataFrame]":
     """Return the tables of a study from its results, complete or not; nothing is written.
 
     Parameters
@@ -97,7 +105,9 @@ def make_tables(folder: Path | str, *, tensor: str | None = None) -> "dict[str, 
         ``results/<study>``.
     tensor : {"periodic", "internal", "external"}, optional
         The stress tensor whose harmonics make all tables but ``runs``, which has the moduli of all.
-        Default: periodic, unless the plan says otherwise.
+        Default: periodic; internal for imported runs, which have no periodic one.
+    historical : bool
+        Add table ``historical``, for which all series are read.
 
     Returns
     -------
@@ -105,7 +115,7 @@ def make_tables(folder: Path | str, *, tensor: str | None = None) -> "dict[str, 
         By the names in `columns`: those of an oscillatory study, ``steady`` of one in steady shear.
         In ``attrs``: ``units`` and ``descriptions`` of the columns, ``study``, ``done`` and
         ``planned`` jobs, ``orphans`` (results of jobs outside the plan, not counted), ``tensor``,
-        ``paired``.
+        ``paired``, ``program`` (that made the runs).
 
     Raises
     ------
@@ -145,8 +155,11 @@ def make_tables(folder: Path | str, *, tensor: str | None = None) -> "dict[str, 
             tables[name] = table(oscillatory, parameters, curves, paired=paired, seed=seed)
     if len(steady):
         tables["steady"] = steady_table(steady, runs, parameters, failed=failed, seed=seed)
+    if historical:
+        tables["historical"] = historical_table(results, runs)
     about = {
         "study": study["study"],
+        "program": study.get("program", "shear-sim"),
         "done": len(runs),
         "planned": len(planned),
         "orphans": index.num_rows - len(runs),
@@ -206,7 +219,8 @@ def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str
         kept = kept[kept[AMPLITUDE] == values[len(values) // 2]]
     first = kept.iloc[0]
     series = read_job(results.job_file(str(first["job"])))
-    if not {"time", "strain", "shear_stress"} <= series.columns.keys():
+    tensor = runs.attrs["tensor"]
+    if not {"time", "strain", SHEAR_STRESS[tensor]} <= series.columns.keys():
         return None  # not recorded
     facts = [str(first["scene"])] + [
         f"{key.rpartition('.')[2].replace('_', ' ')} {first[key]:g}"
@@ -215,8 +229,8 @@ def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str
     ]
     summary = series.summary
     return {
-        "columns": series.columns,
+        "columns": {**series.columns, "shear_stress": series.columns[SHEAR_STRESS[tensor]]},
         "protocol": summary["protocol"],
-        "moduli": summary.get("moduli", {}).get("periodic"),
+        "moduli": summary.get("moduli", {}).get(tensor),
         "title": f"job {first['job']}: {', '.join(facts)}",
     }

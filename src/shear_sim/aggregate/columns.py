@@ -6,6 +6,7 @@ table          one row per                          joins by
 ``runs``       finished job of the plan             ``job``, ``point``, ``curve``
 ``cycles``     whole period of a run                ``job``, ``point``
 ``harmonics``  harmonic (1 to 9) of a run           ``job``, ``point``
+``historical`` run, tensor, historical estimator    ``job``, ``point``
 ``curves``     point of the plan                    ``point``, ``curve``
 ``features``   curve and landmark                   ``curve``
 ``contrasts``  comparison of curves                 parameters
@@ -138,6 +139,20 @@ HARMONICS = (
     Column("storage_modulus", "Pa", "G'_n: stress = A sum_n G'_n sin n theta + G''_n cos n theta"),
     Column("loss_modulus", "Pa", "G''_n"),
     Column("relative_intensity", "1", "I_n/I_1 with I_n = sqrt(G'_n^2 + G''_n^2)"),
+)
+HISTORICAL = (
+    JOB,
+    LABELS[0],
+    REPLICATE,
+    Column("tensor", "", "stress tensor: periodic, internal or external"),
+    Column("estimator", "", "r-compat, header-compat, no-detrend or detrended"),
+    Column("storage_modulus", "Pa", "G' by this estimator"),
+    Column("loss_modulus", "Pa", "G'' by this estimator"),
+    Column("drift", "Pa/s", "slope between the rests; added by header-compat"),
+    Column("jumps", "1", "steps that r-compat takes out"),
+    Column("largest_jump", "Pa", "the largest of them"),
+    Column("rows", "1", "records of its window"),
+    Column("no_moduli", "", "why there are none"),
 )
 COUNTS = (
     Column("replicates", "1", "finished runs"),

@@ -163,6 +163,7 @@ def runs_table(
             data[f"tan_delta{suffix}"] = loss / storage.where(storage != 0.0)
     oscillatory = [(column, f"moduli.{tensor}.{key}") for column, key in tables.OSCILLATORY]
     for column, key in (*oscillatory, *tables.STEADY, *tables.QUALITY):
+        key = key.replace("asymmetry_periodic", f"asymmetry_{tensor}")
         if key in found:
             data[column.name] = pd.to_numeric(found[key])
         if column.name == "residual_stress" and f"moduli.{tensor}.storage" in found:

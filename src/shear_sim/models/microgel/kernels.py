@@ -171,7 +171,7 @@ def contact_forces(
         vy = py[j] - py[i]
         vn = vx * ex + vy * ey
         if touching:
-            closing = max(closing, -vn * inverse)
+            closing = max(closing, abs(vn) * inverse)
         normal = elastic + eta * vn
         if not (constants.may_pull or link):
             normal = min(normal, 0.0)
@@ -402,37 +402,48 @@ def relax(
 
 
 @jit
+def resolved(springs: float, dashpots: float) -> float:
+    """Return the longest step h [s] at which a damped vibration is stable, see `run`.
+
+    (h ω)²/4 + h γ = 1, with ``springs`` = 2/ω and ``dashpots`` = 1/γ [s]; but at most 3/4 of 2/ω:
+    without dashpots an error would not decay at the limit itself.
+    """
+    loss = 1.0 / dashpots
+    return float(min(0.75 * springs, 2.0 / (loss + np.sqrt(loss * loss + 4.0 / springs**2))))
+
+
+@jit
 def substep(constants: Constants, work: Work, rate: float) -> float:
     """Return the longest substep [s] that contacts, dashpots and flow allow at this instant."""
     # Tangent stiffness at the closest contact relative to k, from the law itself.
     d, D = np.sqrt(work.closest[0]), np.sqrt(work.closest[1])
-    h = constants.step_stiffness
+    slope = 1.0
     if d < D:
         e = 1e-4 * D
         slope = (law(d, D, 1.0, constants.law) - law(max(d - e, 0.0), D, 1.0, constants.law)) / e
-        h /= np.sqrt(max(1.0, slope))
-    # The arms of a stretched link grow with it, and what turns the discs with their square.
-    longest2 = work.closest[2]
-    h = min(h, constants.step_rolling / np.sqrt(longest2), constants.step_dashpot / longest2)
+    h = resolved(constants.step_normal / np.sqrt(max(1.0, slope)), constants.step_normal_dashpot)
+    if TANGENTIAL:
+        # The arms of a stretched link grow with it, and what turns the discs with their square.
+        longest2 = work.closest[2]
+        springs = constants.step_rolling / np.sqrt(longest2)
+        h = min(h, resolved(springs, constants.step_rolling_dashpot / longest2))
     if rate != 0.0:
         h = min(h, constants.step_strain / abs(rate))
     return float(h)
 
 
 @jit
-def approach_time(discs: Discs, work: Work) -> float:
+def approach_time(constants: Constants, discs: Discs, work: Work) -> float:
     """Return how long [s] nobody comes so close that a contact is suddenly far stiffer.
 
-    The two fastest discs could approach by half a small radius, and a contact that closes lose a
-    fifth of its length.
+    The two fastest discs could approach by half a small radius, and a contact change its length by
+    a fifth: also on its way out, or the force of the clamp would act for a whole step.
     """
     fastest2 = 1e-300
     for a in range(discs.x.shape[0]):
         fastest2 = max(fastest2, discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a])
-    time = 0.25 * discs.radius.min() / np.sqrt(fastest2)
-    if work.closest[3] > 0.0:
-        time = min(time, 0.2 / work.closest[3])
-    return float(time)
+    fastest = max(0.8 * np.sqrt(fastest2) / discs.radius.min(), work.closest[3])
+    return float(constants.step_approach / fastest)
 
 
 @jit
@@ -453,9 +464,10 @@ def run(
     ``first`` < 0 starts the run: its first instant is recorded before step 0.
 
     Velocity Verlet in which dashpots see velocities predicted for the end of the step: second
-    order also with velocity-dependent forces. ``euler``: the semi-implicit Euler of the historical
-    program, first order. A step is halved, more than once if need be, where contacts, dashpots and
-    the flow are not resolved.
+    order also with velocity-dependent forces. It is stable for a vibration of frequency ω that is
+    damped at the rate γ while (h ω)²/4 + h γ ≤ 1; there a root of its cubic passes −1. ``euler``:
+    the semi-implicit Euler of the historical program, first order. A step is halved, more than
+    once if need be, where contacts, dashpots and the flow are not resolved.
 
     Returns
     -------
@@ -506,7 +518,7 @@ def run(
         at = 0
         while at < MOST_PIECES:
             resolved = substep(constants, work, peak)
-            longest = min(resolved, approach_time(discs, work))
+            longest = min(resolved, approach_time(constants, discs, work))
             part = MOST_PIECES
             # Parts are halves of halves, and each begins at a multiple of itself.
             while part > 1 and (clock.step * part > longest * MOST_PIECES or at % part != 0):

@@ -127,7 +127,7 @@ def _copied(state: State) -> State:
 
 def _refined(constants: Constants, factor: Fraction) -> Constants:
     """Return the constants with the longest substeps divided by ``factor``."""
-    limits = ("step_stiffness", "step_rolling", "step_dashpot", "step_strain")
+    limits = [name for name in Constants._fields if name.startswith("step_")]
     shorter = {name: getattr(constants, name) / float(factor) for name in limits}
     return constants._replace(**shorter)
 

@@ -156,13 +156,14 @@ def make_constants(
     link = springs(model.links.normal_factor, model.links.tangential_factor)
     p = laws.law_parameters(model.contact_law)
     damping = -math.log(model.damping.decay) / period
-    # Longest substeps, for six contacts on the lightest discs: springs vibrate at up to
-    # √(2 k/m) (one contact), rolling at √(24 k_T/m) as r²/I = 2/m; predicted velocities are stable
-    # while h times the rate of the dashpots, up to 8 η/m and 20 η_T/m, is below 1.
-    light = discs.mass.min()
-    vibration = math.sqrt(2 * max(contact[0], link[0]) / light)
-    rolling = math.sqrt(24 * max(contact[1], link[1]) / light)
-    dashpots = max(8 * max(contact[2], link[2]), 20 * max(contact[3], link[3])) / light
+    # The fastest vibrations, of six contacts on the lightest discs: in a crystal ω² = 6 k/m and
+    # γ = 6 η/m + 2 η_T/m; as r²/I = 2/m, rolling has 24 k_T/m and 24 η_T/m. In a mixture half of
+    # each is due to neighbours, which are heavier. Nominal arms do not shorten as contacts get
+    # more numerous: nine of them at a packing fraction of 2.
+    k_n, k_t, eta_n, eta_t = (max(both) for both in zip(contact, link, strict=True))
+    light = float(discs.mass.min())
+    six = 3 * (1 + float(np.sqrt(light / discs.mass).mean())) / light
+    rolling = (6 if model.lever_arms == "otsuki2017" else 4) * six
     return Constants(
         width=float(width),
         height=float(height),
@@ -181,11 +182,17 @@ def make_constants(
         spin_target=0.5 if model.damping.spin == "zero" else 0.0,
         affine=model.drive == "affine",
         skin=SKIN * float(discs.radius.mean()),
-        step_stiffness=0.8 / vibration,
-        step_rolling=1.2 / rolling if rolling else math.inf,
-        step_dashpot=0.8 / dashpots if dashpots else math.inf,
+        step_normal=2 / math.sqrt(six * k_n),
+        step_normal_dashpot=_inverse(six * (eta_n + eta_t / 3)),
+        step_rolling=2 * _inverse(math.sqrt(rolling * k_t)),
+        step_rolling_dashpot=_inverse(rolling * eta_t),
+        step_approach=0.2,
         step_strain=0.03,
     )  # fmt: skip
+
+
+def _inverse(rate: float) -> float:
+    return 1 / rate if rate else math.inf
 
 
 def make_clock(shear: Shear, period: float, steps: int, every: int) -> Clock:
@@ -436,9 +443,8 @@ def _relax(
     unit = force_unit(constants, discs)
     # What only moving discs feel stays out of it: scenes that differ there share their packings.
     at_rest = constants._replace(
-        step_stiffness=0.8 * math.sqrt(discs.mass.min() / (2 * constants.k)),
-        step_rolling=math.inf,
-        step_dashpot=math.inf,
+        step_normal=2 * math.sqrt(discs.mass.min() / (6 * constants.k)),
+        step_normal_dashpot=math.inf,
     )
     linear = at_rest._replace(law=(0.0, *constants.law[1:]))
     work, pairs, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0

@@ -61,7 +61,7 @@ class Work(NamedTuple):
     wy: Ints
     strain0: Floats  # (1,) strain when the neighbour list was made
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
-    closest: Floats  # (4,) d², D² of the closest pair, largest (d/D)² of a link, −d'/d of contacts
+    closest: Floats  # (4,) d², D² of the closest pair, largest (d/D)² of a link, |d'|/d of contacts
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
     stored: Floats  # (1,) elastic energy [J/m]
@@ -111,9 +111,11 @@ class Constants(NamedTuple):
     spin_target: float  # s₀ / γ̇: 0 or 1/2
     affine: bool  # SLLOD, or driven at the edges alone
     skin: float  # [m]
-    step_stiffness: float  # longest substep × √(stiffness / mass) at d = D [s]
-    step_rolling: float  # that the rolling of six contacts at d = D allows [s]
-    step_dashpot: float  # that their dashpots allow [s]
+    step_normal: float  # 2/ω of vibrations of six contacts at d = D [s]
+    step_normal_dashpot: float  # 1/γ of their dashpots [s]
+    step_rolling: float  # 2/ω of their rolling [s]
+    step_rolling_dashpot: float  # 1/γ of it [s]
+    step_approach: float  # largest relative change of the length of a contact in a substep [-]
     step_strain: float  # longest substep in strain [-]
 
 

@@ -48,7 +48,7 @@ def test_a_users_law_can_be_loaded_from_the_cache(tmp_path_factory, cached):
             env={**os.environ, "SHEAR_SIM_CACHE": str(folder)},
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[-500:]
-        assert float(done.stdout) == pytest.approx(0.75 / 2, rel=1e-3)
+        assert float(done.stdout) == pytest.approx(0.5 / 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("discs", [20, 61])

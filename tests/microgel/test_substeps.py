@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scenes import finish, packing_point, prepared, scene
 
-from shear_sim.models.microgel.parameters import Links, Microgel, MicrogelPoint
+from shear_sim.models.microgel.parameters import Integrator, Links, Microgel, MicrogelPoint
 from shear_sim.models.microgel.simulation import kernels_for, laws, prepare
 from shear_sim.packing import Packing
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams
 
-RESOLVED = kernels_for(laws.divergent, True).resolved
+STABLE = kernels_for(laws.divergent, True).stable
 
 
 def ringing(step, omega, gamma):
@@ -33,8 +33,7 @@ def test_where_a_step_becomes_unstable(omega, gamma):
     assert (limit * omega) ** 2 / 4 + limit * gamma == pytest.approx(1)
     assert ringing(0.98 * limit, omega, gamma) < 1e-5
     assert ringing(1.02 * limit, omega, gamma) > 1e-4
-    longest = RESOLVED(2 / omega, 1 / gamma if gamma else math.inf)
-    assert longest == pytest.approx(min(limit, 1.5 / omega))
+    assert STABLE(2 / omega, 1 / gamma if gamma else math.inf) == pytest.approx(limit)
 
 
 @pytest.mark.parametrize("viscosity", [0.0, 0.1, 0.16, 0.18, 0.2, 0.4, 0.8])
@@ -70,3 +69,31 @@ def test_rolling_with_nominal_arms_is_stable_at_any_packing_fraction():
         finish(s)
         spin.append(np.sqrt((s.discs.spin**2).mean()))
     assert spin[0] == pytest.approx(spin[1], rel=0.01)
+
+
+def substeps(steps, **model):
+    shear = OscillatoryShear(strain_amplitude=0.01, pre_periods=0, periods=1, post_periods=0)
+    s = prepared(
+        packing_point(links=Links(cut="bulk"), shear=shear, steps_per_period=steps, **model)
+    )
+    finish(s)
+    return s.substeps / s.steps
+
+
+def test_more_steps_make_finer_substeps_and_fewer_do_not_make_coarser_ones():
+    """Default 100, n times as many: the longest substep n times shorter. 50: as by default."""
+    assert MicrogelPoint().steps_per_period == 100
+    assert MicrogelPoint(integrator=Integrator(steps_per_period=50)).refinement == 1
+    assert MicrogelPoint(integrator=Integrator(steps_per_period=300)).refinement == 3
+    default = substeps(None, relative_viscosity=0.5)
+    assert default > 1
+    assert substeps(200, relative_viscosity=0.5) == default
+    assert substeps(800, relative_viscosity=0.5) == default
+    assert substeps(50, relative_viscosity=0.5) == 2 * default
+
+
+@pytest.mark.parametrize(("frequency", "steps"), [(1, 100), (0.025, 100), (0.001, 2500)])
+def test_default_steps_are_as_short_as_the_period_or_the_discs_need(frequency, steps):
+    point = MicrogelPoint(shear=OscillatoryShear(relative_frequency=frequency))
+    assert point.steps_per_period == steps
+    assert point.refinement == 1

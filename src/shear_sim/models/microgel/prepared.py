@@ -13,8 +13,9 @@ from shear_sim.models.microgel.simulation import (
     make_clock,
     make_start,
     needs_tangential,
+    refined,
 )
-from shear_sim.models.microgel.state import STEADY, Clock, Constants, Discs, Pairs
+from shear_sim.models.microgel.state import STEADY, Clock, Discs, Pairs
 from shear_sim.streams import Streams
 
 State = TypeVar("State", Discs, Pairs)
@@ -89,8 +90,8 @@ class PreparedMicrogel:
         kernels = kernels_for(law, needs_tangential(point.model), energy)
         return MicrogelSimulation(
             point, kernels, discs, pairs, self._start.n_links,
-            _refined(self._start.constants, factor), clock,
-            self._start.preparation,
+            refined(self._start.constants, max(1.0, self.point.refinement * float(factor))),
+            clock, self._start.preparation,
         )  # fmt: skip
 
     def distance(self, one: MicrogelSimulation, other: MicrogelSimulation) -> float:
@@ -123,13 +124,6 @@ def energy_residual(columns: dict[str, Any]) -> float:
 
 def _copied(state: State) -> State:
     return type(state)(*(array.copy() for array in state))  # type: ignore[arg-type]
-
-
-def _refined(constants: Constants, factor: Fraction) -> Constants:
-    """Return the constants with the longest substeps divided by ``factor``."""
-    limits = [name for name in Constants._fields if name.startswith("step_")]
-    shorter = {name: getattr(constants, name) / float(factor) for name in limits}
-    return constants._replace(**shorter)
 
 
 def _scaled(clock: Clock, factor: Fraction, period: float) -> Clock:

@@ -191,6 +191,12 @@ def make_constants(
     )  # fmt: skip
 
 
+def refined(constants: Constants, factor: float) -> Constants:
+    """Return the constants with the longest substeps divided by ``factor``."""
+    limits = [name for name in Constants._fields if name.startswith("step_")]
+    return constants._replace(**{name: getattr(constants, name) / factor for name in limits})
+
+
 def _inverse(rate: float) -> float:
     return 1 / rate if rate else math.inf
 
@@ -362,8 +368,8 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     )
     clock = make_clock(point.shear, start.period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(
-        point, kernels, start.discs, start.pairs, start.n_links, start.constants, clock,
-        start.preparation,
+        point, kernels, start.discs, start.pairs, start.n_links,
+        refined(start.constants, point.refinement), clock, start.preparation,
     )  # fmt: skip
 
 

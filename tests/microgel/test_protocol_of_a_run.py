@@ -153,6 +153,18 @@ def test_a_steady_rate_is_exact_and_a_shear_of_few_steps_is_refused():
 
 
 def test_a_step_that_cannot_be_cut_small_enough_is_said():
-    point = packing_point(discs=20, relative_viscosity=1e6)
-    with pytest.raises(SimulationError, match="needs more than 4096 pieces"):
-        finish(prepared(point))
+    """With the limit and the reason, before anything is recorded but the start."""
+    simulation = prepared(packing_point(discs=20, relative_viscosity=1e6))
+    with pytest.raises(
+        SimulationError,
+        match=r"the dashpots need substeps of at most \S+ s at t = 0 s.*1/4096.*lower",
+    ):
+        finish(simulation)
+    assert simulation.done == 1
+    simulation = prepared(packing_point(discs=20))
+    stiff = simulation.constants.step_normal / 1e5
+    simulation.constants = simulation.constants._replace(step_normal=stiff)
+    with pytest.raises(
+        SimulationError, match=r"discs \d+ and \d+, at 0\.\d+ of their contact distance, need"
+    ):
+        finish(simulation)

@@ -264,17 +264,34 @@ class MicrogelSimulation:
 
     def _diagnosis(self, status: int) -> str:
         time, strain = self._table[self.done - 1, :2]
+        when = f"at t = {time:g} s (strain {strain:.4g})"
         if status == TOO_STIFF:
-            return (
-                f"a step at t = {time:g} s (strain {strain:.4g}) needs more than {MOST_PIECES} "
-                "pieces: raise integrator.steps_per_period, or lower model.relative_viscosity"
-            )
+            return self._too_stiff(when)
         limit = 500.0 * self.constants.width
         bad = np.flatnonzero(~(np.abs(self.discs.x) + np.abs(self.discs.y) < limit))
         what = f"disc {bad[0]} was shot away" if len(bad) else "a stress is no longer finite"
+        return f"{what} {when}: raise integrator.steps_per_period = {self.clock.per_period}"
+
+    def _too_stiff(self, when: str) -> str:
+        """Say what needs substeps that are too short, and what to do."""
+        c, d, pairs, clock = self.constants, self.discs, self.pairs, self.clock
+        longest = self.kernels.substep(c, self.work, motion.peak_rate(clock, clock.kind))
+        need = (
+            f"substeps of at most {longest:.3g} s {when}, shorter than 1/{MOST_PIECES} of a whole "
+            f"step ({clock.step:.3g} s)"
+        )
+        if min(c.step_normal_dashpot, c.step_rolling_dashpot / self.work.closest[2]) < 2 * longest:
+            return f"the dashpots need {need}: lower model.relative_viscosity"
+        dx, dy = d.x[pairs.j] - d.x[pairs.i], d.y[pairs.j] - d.y[pairs.i]
+        strain = self._table[self.done - 1, 1]
+        offset = strain * c.height - self.work.turns[0] * c.width
+        distance = np.hypot(
+            dx + pairs.nx * c.width + pairs.ny * offset, dy + pairs.ny * c.height
+        ) / (d.radius[pairs.i] + d.radius[pairs.j])
+        q = int(np.argmin(distance))
         return (
-            f"{what} at t = {time:g} s (strain {strain:.4g}): raise "
-            f"integrator.steps_per_period = {self.clock.per_period}"
+            f"discs {pairs.i[q]} and {pairs.j[q]}, at {distance[q]:.3g} of their contact distance, "
+            f"need {need}: a less steep model.contact_law, or less strain"
         )
 
     def columns(self) -> Columns:

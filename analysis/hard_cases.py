@@ -320,7 +320,8 @@ class Passing:
 def collision_error(simulation: MicrogelSimulation) -> float:
     """Return (h ω)²/4 of three of the lightest discs in a row that begin to touch."""
     c, work = simulation.constants, make_work(0)
-    h = min(simulation.clock.step, simulation.kernels.substep(c, work, 0.0))
+    size = 2 * float(simulation.discs.radius.mean())
+    h = min(simulation.clock.step, simulation.kernels.substep(c, work, size, 0.0))
     h = simulation.clock.step / 2 ** math.ceil(math.log2(simulation.clock.step / h))
     return float(h**2 * 3 * c.k / simulation.discs.mass.min() / 4)
 

@@ -1,8 +1,8 @@
 """Speed against error: what a job's steps cost and what error they leave.
 
 Every run of a job starts from the same prepared packing. A run with n times the job's steps per
-period also cuts them into substeps by limits n times finer; the reference is `REFERENCE` times
-finer in both. Errors shrink with the step only where
+period also cuts them into substeps by limits n times finer (but none is coarser than by default);
+the reference is `REFERENCE` times finer in both. Errors shrink with the step only where
 neighbouring trajectories stay together. A job is
 
 ``convergent``  if the error of the stress falls when every step is halved (or is negligible), and

@@ -45,6 +45,7 @@ from shear_sim.models.microgel.state import (
     DISTANCE,
     EX,
     EY,
+    INSIDE,
     LANES,
     MOST_PIECES,
     NOT_FINITE,
@@ -257,21 +258,34 @@ def scatter(
 @jit(fastmath={"reassoc"}, _nrt=False)
 def stress_of(
     block: Floats, table: Floats, m: int
-) -> tuple[float, float, float, float, float, float, float]:
-    """Return −Σ F_a l_b (xx, xy, yx, yy), Σ ½ (T_i + T_j), and numbers of touching and sliding."""
+) -> tuple[
+    float, float, float, float, float, float, float, float, float, float, float, float
+]:  # fmt: skip
+    """Return −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j), of all pairs and of those inside.
+
+    The last two are the numbers of touching and of sliding pairs.
+    """
     xx = xy = yx = yy = twist = touching = sliding = 0.0
+    ixx = ixy = iyx = iyy = it = 0.0
     for s in range(m):
         dx, dy, fx, fy = block[DX + s], block[DY + s], block[FX + s], block[FY + s]
+        inside = table[INSIDE + s]
+        D = table[SUM + s]
         xx -= fx * dx
         xy -= fx * dy
         yx -= fy * dx
         yy -= fy * dy
-        D = table[SUM + s]
+        ixx -= inside * (fx * dx)
+        ixy -= inside * (fx * dy)
+        iyx -= inside * (fy * dx)
+        iyy -= inside * (fy * dy)
         if TANGENTIAL:
-            twist += 0.5 * block[TWIST + s] * D
+            both = 0.5 * block[TWIST + s] * D
+            twist += both
+            it += inside * both
             sliding += 1.0 if table[STATE + s] == SLIDE else 0.0
         touching += 1.0 if dx * dx + dy * dy < D * D else 0.0
-    return xx, xy, yx, yy, twist, touching, sliding
+    return xx, xy, yx, yy, twist, ixx, ixy, iyx, iyy, it, touching, sliding
 
 
 @jit(_nrt=False)
@@ -283,13 +297,7 @@ def stress_across(
     Such are pairs across an edge of the cell, and those of a glued disc (Table S2-3).
     """
     block, t = work.block, work.tensors
-    dx, dy, fx, fy = block[DX + s], block[DY + s], block[FX + s], block[FY + s]
-    t[5] += fx * dx
-    t[6] += fx * dy
-    t[7] += fy * dx
-    t[8] += fy * dy
-    if TANGENTIAL:
-        t[9] -= 0.5 * block[TWIST + s] * pairs.table[q // LANES, SUM + s]
+    fx, fy = block[FX + s], block[FY + s]
     for a, sign in ((pairs.i[q], -1.0), (pairs.j[q], 1.0)):
         if discs.plate[a] == 0.0:
             wx, wy = work.wx[a], work.wy[a]
@@ -392,10 +400,10 @@ def contact_forces(
             scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
             if record:
                 sums = stress_of(block, table, m)
-                for t in range(5):
+                for t in range(10):
                     work.tensors[t] += sums[t]
-                work.row[0] += sums[5]
-                work.row[1] += sums[6]
+                work.row[0] += sums[10]
+                work.row[1] += sums[11]
                 while edge < crossing and pairs.edge[edge] < first + m:
                     q = pairs.edge[edge]
                     stress_across(discs, work, pairs, q, q - first, c, offset)
@@ -410,10 +418,6 @@ def contact_forces(
         work.closest[0] = min(work.closest[0], block[CLOSEST + s])
         work.closest[1] = max(work.closest[1], block[LONGEST + s])
         work.closest[2] = max(work.closest[2], block[CLOSING + s])
-    if record:
-        # The whole periodic tensor less the pairs across an edge.
-        for t in range(5):
-            work.tensors[5 + t] += work.tensors[t]
 
 
 @jit

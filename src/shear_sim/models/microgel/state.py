@@ -110,9 +110,11 @@ class PairState(NamedTuple):
 LANES = 64  # pairs in a block
 #: Columns of Pairs.table: image of j, D = r_i + r_j [m] and its inverse; unit vector from i to j
 #: and distance [m] at the last force evaluation; tangential elongation ξ [m], and the second one
-#: of the historical rule; OPEN, STICK or SLIDE.
-NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE = range(0, 10 * LANES, LANES)
-PAIR_ROWS = 10
+#: of the historical rule; OPEN, STICK or SLIDE; 1 for a pair inside the cell (Work.crossing).
+(
+    NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE, INSIDE,
+) = range(0, 11 * LANES, LANES)  # fmt: skip
+PAIR_ROWS = 11
 BLOCK_ROWS = 17
 NEAR = 4  # distances by which listed contacts are told apart
 

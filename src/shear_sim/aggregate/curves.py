@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
 from shear_sim.aggregate.frame import frame
+from shear_sim.aggregate.response import contributions, curve_quantities
 from shear_sim.aggregate.runs import Waves
-from shear_sim.large_amplitude import measures
 from shear_sim.models.interface import Column
-from shear_sim.rheology import HARMONICS
 from shear_sim.statistics import LEVEL, RESAMPLES, Interval, intervals
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FloatArray = NDArray[np.float64]
-#: From the means (P, C, K) of what each run contributes to the quantities (P, Q, K) of P points.
-Quantities = Callable[[FloatArray, "pd.DataFrame"], FloatArray]
+#: From the means of what each run contributes, and facts (P,) that are the same for all
+#: runs of a point, to the quantities (P, Q, K) of P points.
+Quantities = Callable[..., FloatArray]
 
 STEADY_QUANTITIES = (tables.STEADY[0][0], tables.STEADY[2][0], tables.STEADY[5][0])
 _TOGETHER = 16  # points resampled in one call: 5,000 resamples of 19 means take 12 MB
@@ -49,8 +49,8 @@ def curves_table(
         Of the bootstrap.
     """
     rows = waves.rows(runs["job"])
-    values = np.column_stack([waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows]])
-    facts = {"amplitude": waves.strain_amplitude[rows], "omega": waves.angular_frequency[rows]}
+    values = contributions(waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows])
+    facts = waves.strain_amplitude[rows], waves.angular_frequency[rows]
     moduli = [column.name for column in tables.MODULI[:4]]
     own = [
         f"{column.name}{tables.TENSORS[tensor]}" if column.name in moduli else column.name
@@ -63,35 +63,11 @@ def curves_table(
         tables.CURVE_QUANTITIES,
         own,
         values,
-        runs[[]].assign(**facts),
-        _of_waves,
+        facts,
+        curve_quantities,
         failed=failed,
         seed=seed,
     )
-
-
-def _of_waves(means: FloatArray, facts: "pd.DataFrame") -> FloatArray:
-    """Return the quantities of ``curves`` of mean harmonics and peak (P, 19, K)."""
-    storage, loss = means[:, :HARMONICS], means[:, HARMONICS : 2 * HARMONICS]
-    amplitude, omega = (facts[name].to_numpy()[:, None] for name in ("amplitude", "omega"))
-    size = np.hypot(storage[:, 0], loss[:, 0])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = loss[:, 0] / storage[:, 0]
-    more = measures(
-        storage.swapaxes(1, 2),
-        loss.swapaxes(1, 2),
-        strain_amplitude=amplitude,
-        angular_frequency=omega,
-        peak_stress=means[:, -1],
-    )
-    found = more | {
-        "storage_modulus": storage[:, 0],
-        "loss_modulus": loss[:, 0],
-        "complex_modulus": size,
-        "tan_delta": ratio,
-        "total_stress": size * amplitude,
-    }
-    return np.stack([found[quantity.name] for quantity in tables.CURVE_QUANTITIES], axis=1)
 
 
 def steady_table(
@@ -114,8 +90,8 @@ def steady_table(
         STEADY_QUANTITIES,
         own,
         _values(runs, own),
-        runs[[]],
-        lambda means, _: means,
+        (),
+        lambda means: means.values,
         failed=failed,
         seed=seed,
     )
@@ -128,7 +104,7 @@ def _points_table(
     quantities: Sequence[Column],
     own_names: Sequence[str],
     values: FloatArray,
-    facts: "pd.DataFrame",
+    facts: Sequence[FloatArray],
     derive: Quantities,
     *,
     failed: Collection[str],
@@ -202,7 +178,7 @@ def _groups(runs: "pd.DataFrame", which: NDArray[np.bool_]) -> dict[str, NDArray
 def _intervals(
     groups: dict[str, NDArray[np.intp]],
     values: FloatArray,
-    facts: "pd.DataFrame",
+    facts: Sequence[FloatArray],
     own: FloatArray,
     derive: Quantities,
     quantities: int,
@@ -218,14 +194,14 @@ def _intervals(
             some = points[start : start + _TOGETHER]
             rows = np.array([groups[point] for point in some])
             replicates = [Replicates(np.arange(size), values[r]) for r in rows]
-            ensemble, first = Ensemble(replicates, paired=True), facts.iloc[rows[:, 0]]
+            ensemble, first = Ensemble(replicates, paired=True), [f[rows[:, 0]] for f in facts]
 
             def statistic(
                 counts: Sequence[FloatArray],
                 ensemble: Ensemble = ensemble,
-                first: "pd.DataFrame" = first,
+                first: Sequence[FloatArray] = first,
             ) -> FloatArray:
-                derived = derive(ensemble.means(counts), first)
+                derived = derive(ensemble.means(counts), *first)
                 return derived.reshape(-1, derived.shape[-1])
 
             # Nan where a run has no value of its own: its logarithm is not taken either.

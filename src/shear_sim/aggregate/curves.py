@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
 from shear_sim.aggregate.frame import frame
-from shear_sim.aggregate.response import contributions, curve_quantities
+from shear_sim.aggregate.response import MAY_BE_LOGARITHMIC, contributions, curve_quantities
 from shear_sim.aggregate.runs import Waves
 from shear_sim.models.interface import Column
 from shear_sim.statistics import LEVEL, RESAMPLES, Interval, intervals
@@ -64,6 +64,7 @@ def curves_table(
         own,
         values,
         facts,
+        MAY_BE_LOGARITHMIC,
         curve_quantities,
         failed=failed,
         seed=seed,
@@ -91,6 +92,7 @@ def steady_table(
         own,
         _values(runs, own),
         (),
+        np.ones(len(own), dtype=bool),
         lambda means: means.values,
         failed=failed,
         seed=seed,
@@ -105,6 +107,7 @@ def _points_table(
     own_names: Sequence[str],
     values: FloatArray,
     facts: Sequence[FloatArray],
+    logarithmic: NDArray[np.bool_],
     derive: Quantities,
     *,
     failed: Collection[str],
@@ -113,7 +116,8 @@ def _points_table(
     """Return one row per point.
 
     ``own_names`` are the columns of ``runs`` with the runs' own quantities; ``values`` (R, C) is
-    what is averaged, and ``facts`` what is needed beside it, of each row of ``runs``.
+    what is averaged, and ``facts`` what is needed beside it, of each row of ``runs``. Where
+    ``logarithmic`` (Q,), the logarithm of a quantity may be taken if all its own are positive.
     """
     points = planned.drop_duplicates("point").reset_index(drop=True)
     failures = planned["job"].isin(set(failed)).groupby(planned["point"]).sum()
@@ -132,7 +136,7 @@ def _points_table(
         "n": [len(usable.get(p, ())) for p in points["point"]],
     }
     own = _values(runs, own_names)
-    found = _intervals(usable, values, facts, own, derive, len(quantities), seed)
+    found = _intervals(usable, values, facts, own, logarithmic, derive, seed)
     nothing = [Interval(math.nan, math.nan, math.nan, "none", 0, None)] * len(quantities)
     rows = [usable.get(point, np.empty(0, dtype=np.intp)) for point in points["point"]]
     each = [found.get(point, nothing) for point in points["point"]]
@@ -180,11 +184,12 @@ def _intervals(
     values: FloatArray,
     facts: Sequence[FloatArray],
     own: FloatArray,
+    logarithmic: NDArray[np.bool_],
     derive: Quantities,
-    quantities: int,
     seed: int,
 ) -> dict[str, list[Interval]]:
     """Return the intervals of each point; points of as many runs share one bootstrap."""
+    quantities = len(logarithmic)
     by_size: dict[int, list[str]] = {}
     for point, rows in groups.items():
         by_size.setdefault(len(rows), []).append(point)
@@ -205,7 +210,7 @@ def _intervals(
                 return derived.reshape(-1, derived.shape[-1])
 
             # Nan where a run has no value of its own: its logarithm is not taken either.
-            positive = (own[rows] > 0).all(axis=1).ravel()
+            positive = ((own[rows] > 0).all(axis=1) & logarithmic).ravel()
             flat = intervals(statistic, ensemble.sizes, positive=positive, seed=seed)
             for place, point in enumerate(some):
                 found[point] = flat[place * quantities : (place + 1) * quantities]

@@ -46,6 +46,14 @@ def contributions(storage_n: FloatArray, loss_n: FloatArray, peak: FloatArray) -
     return np.column_stack([storage_n, loss_n, peak, *powers])
 
 
+#: Quantities of ``curves`` whose logarithm may be taken where they are positive: not the sizes
+#: below, which may truly be zero.
+MAY_BE_LOGARITHMIC = np.array(
+    [
+        quantity.name not in {"third_harmonic_ratio", "even_harmonic_ratio"}
+        for quantity in tables.CURVE_QUANTITIES
+    ]
+)
 #: Of `contributions`, what landmarks need: G', G'', G'_3, G''_3 and the square of their size.
 OF_LANDMARKS = [0, HARMONICS, 2, HARMONICS + 2, 2 * HARMONICS + 1]
 

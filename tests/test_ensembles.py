@@ -9,6 +9,7 @@ from shear_sim.aggregate.contrasts import Comparison, compare, find_comparisons
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
 from shear_sim.aggregate.features import Curve, landmark_intervals
 from shear_sim.models.interface import Column
+from shear_sim.statistics import RESAMPLES
 
 AMPLITUDES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 
@@ -25,7 +26,8 @@ def curve(scale, yields, seed=None, noise=0.0):
         storage, loss = scale / (1 + x), scale * (0.02 + np.sqrt(x) / (1 + x))
         if noise:
             storage = storage * rng([seed, place]).lognormal(0, noise, len(scale))
-        values = np.column_stack([storage, loss, 0.1 * x * loss, 0 * loss])
+        third = 0.1 * x * loss
+        values = np.column_stack([storage, loss, third, 0 * loss, third**2])
         points.append(Replicates(np.arange(len(scale)), values))
     return Curve(AMPLITUDES, points, len(scale))
 
@@ -36,7 +38,8 @@ def test_means_of_paired_replicates_leave_out_those_that_are_missing():
     ensemble = Ensemble(points, paired=True)
     assert (ensemble.sizes, ensemble.n) == ([4], 2)
     drawn = np.array([[1, 1, 1, 1], [0, 3, 0, 1], [4, 0, 0, 0]], dtype=float)
-    means = ensemble.means([drawn])
+    means, runs = ensemble.means([drawn])
+    assert runs.tolist() == [[4, 4, 4], [2, 4, 0]]
     assert means[0, :, 0] == pytest.approx(values.mean(axis=0))
     assert means[1, :, 0] == pytest.approx(values[[1, 3]].mean(axis=0))
     assert means[1, :, 1] == pytest.approx((3 * values[1] + values[3]) / 4)
@@ -48,7 +51,8 @@ def test_means_of_independent_replicates_are_of_each_point_by_itself():
     points = [Replicates(np.arange(3), one), Replicates(np.arange(5), two)]
     ensemble = Ensemble(points, paired=False)
     assert (ensemble.sizes, ensemble.n) == ([3, 5], 3)
-    means = ensemble.means([np.array([[2.0, 0, 1]]), np.array([[1.0, 1, 1, 1, 1]])])
+    means, runs = ensemble.means([np.array([[2.0, 0, 1]]), np.array([[1.0, 1, 1, 1, 1]])])
+    assert runs.tolist() == [[3], [5]]
     assert means[0, :, 0] == pytest.approx((2 * one[0] + one[2]) / 3)
     assert means[1, :, 0] == pytest.approx(two.mean(axis=0))
 
@@ -60,7 +64,7 @@ def test_landmarks_of_the_mean_curve_have_the_interval_of_a_bootstrap_of_whole_c
     ensemble = Ensemble(found.points, paired=True)
     plateau = landmark_intervals(found, ensemble, seed=4)["low_strain_plateau"]["storage_modulus"]
     values = found.points[0].values[:, 0]
-    expected = stats.bootstrap((values,), np.mean, n_resamples=4999, rng=rng(4))
+    expected = stats.bootstrap((values,), np.mean, n_resamples=RESAMPLES, rng=rng(4))
     interval = expected.confidence_interval
     assert (plateau.low, plateau.high) == pytest.approx((interval.low, interval.high), rel=1e-10)
 

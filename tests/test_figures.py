@@ -268,7 +268,7 @@ def test_too_many_curves_for_a_page_are_thinned_and_counted():
     figure = moduli_with_landmarks(table)
     assert len(figure.axes) == 30
     titles = [axis.get_title() for axis in figure.axes]
-    assert (titles[0], titles[-1]) == ("gel, $\\mu$ = 0.001", "gel, $\\mu$ = 1")
+    assert (titles[0], titles[-1]) == ("$\\mu$ = 0.001", "$\\mu$ = 1")
     assert "30 of 40 values of $\\mu$ are drawn" in figure.get_suptitle()
 
 

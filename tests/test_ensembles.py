@@ -25,7 +25,8 @@ def curve(scale, yields, seed=None, noise=0.0):
         storage, loss = scale / (1 + x), scale * (0.02 + np.sqrt(x) / (1 + x))
         if noise:
             storage = storage * rng([seed, place]).lognormal(0, noise, len(scale))
-        values = np.column_stack([storage, loss, 0.1 * x * loss, 0 * loss])
+        third = 0.1 * x * loss
+        values = np.column_stack([storage, loss, third, 0 * loss, third**2])
         points.append(Replicates(np.arange(len(scale)), values))
     return Curve(AMPLITUDES, points, len(scale))
 
@@ -36,7 +37,8 @@ def test_means_of_paired_replicates_leave_out_those_that_are_missing():
     ensemble = Ensemble(points, paired=True)
     assert (ensemble.sizes, ensemble.n) == ([4], 2)
     drawn = np.array([[1, 1, 1, 1], [0, 3, 0, 1], [4, 0, 0, 0]], dtype=float)
-    means = ensemble.means([drawn])
+    means, runs = ensemble.means([drawn])
+    assert runs.tolist() == [[4, 4, 4], [2, 4, 0]]
     assert means[0, :, 0] == pytest.approx(values.mean(axis=0))
     assert means[1, :, 0] == pytest.approx(values[[1, 3]].mean(axis=0))
     assert means[1, :, 1] == pytest.approx((3 * values[1] + values[3]) / 4)
@@ -48,7 +50,8 @@ def test_means_of_independent_replicates_are_of_each_point_by_itself():
     points = [Replicates(np.arange(3), one), Replicates(np.arange(5), two)]
     ensemble = Ensemble(points, paired=False)
     assert (ensemble.sizes, ensemble.n) == ([3, 5], 3)
-    means = ensemble.means([np.array([[2.0, 0, 1]]), np.array([[1.0, 1, 1, 1, 1]])])
+    means, runs = ensemble.means([np.array([[2.0, 0, 1]]), np.array([[1.0, 1, 1, 1, 1]])])
+    assert runs.tolist() == [[3], [5]]
     assert means[0, :, 0] == pytest.approx((2 * one[0] + one[2]) / 3)
     assert means[1, :, 0] == pytest.approx(two.mean(axis=0))
 

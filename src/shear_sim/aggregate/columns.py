@@ -18,9 +18,9 @@ strain amplitude alone. Varied parameters are columns of ``runs``, ``curves``, `
 sorted as in the study file.
 
 In ``curves`` everything is of the *mean response*: the harmonics of the runs are averaged over
-replicates first, and ratios such as tan δ and I3/I1 are formed after. The mean of the runs' own
-ratios would be biased: the harmonics of one small packing are mostly noise, whose sign averages out
-and whose size does not.
+replicates first, and ratios such as tan δ and I3/I1 are formed after (see `response`). The mean of
+the runs' own ratios would be biased: the harmonics of one small packing are mostly noise, whose
+sign averages out and whose size does not.
 """
 
 from shear_sim.models.interface import Column

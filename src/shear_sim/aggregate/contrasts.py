@@ -22,6 +22,7 @@ from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble
 from shear_sim.aggregate.features import FEWEST_AMPLITUDES, Curve, of_means, quantities
 from shear_sim.aggregate.frame import frame
+from shear_sim.aggregate.response import Means
 from shear_sim.models.interface import Column
 from shear_sim.statistics import LEVEL, RESAMPLES, Interval, holm, intervals
 from shear_sim.variation import AMPLITUDE, by_scene, variation
@@ -246,8 +247,10 @@ def compare(
 
     def logarithms(counts: Sequence[FloatArray]) -> FloatArray:
         """Return ln y (curves, keys, K); nan where y is censored or not positive."""
-        means = ensemble.means(counts).reshape(len(curves), len(common), 4, -1)
-        y = np.array([_values(amplitudes, of_curve, keys) for of_curve in means])
+        means = ensemble.means(counts)
+        each = [slice(k, k + len(common)) for k in range(0, len(points), len(common))]
+        of = [Means(means.values[which], means.drawn[which]) for which in each]
+        y = np.array([_values(amplitudes, of_curve, keys) for of_curve in of])
         usable = np.isfinite(y) & (y > 0)
         return np.where(usable, np.log(np.where(usable, y, 1.0)), np.nan)
 
@@ -293,15 +296,17 @@ def compare(
 
 
 def _values(
-    amplitudes: FloatArray, means: FloatArray, keys: Sequence[tuple[str, str, float]]
+    amplitudes: FloatArray, means: Means, keys: Sequence[tuple[str, str, float]]
 ) -> FloatArray:
-    """Return y (keys, K) of one curve, whose mean responses are (P, 4, K)."""
+    """Return y (keys, K) of one curve."""
     found = of_means(amplitudes, means) if len(amplitudes) >= FEWEST_AMPLITUDES else {}
     of = {name: quantities(landmark) for name, landmark in found.items()}
     place = {amplitude: p for p, amplitude in enumerate(amplitudes.tolist())}
     return np.array(
         [
-            of[landmark][quantity] if landmark else means[place[amplitude], _MODULI.index(quantity)]
+            of[landmark][quantity]
+            if landmark
+            else means.values[place[amplitude], _MODULI.index(quantity)]
             for landmark, quantity, amplitude in keys
         ]
     )

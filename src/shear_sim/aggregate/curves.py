@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
 from shear_sim.aggregate.frame import frame
+from shear_sim.aggregate.response import MAY_BE_LOGARITHMIC, contributions, curve_quantities
 from shear_sim.aggregate.runs import Waves
-from shear_sim.large_amplitude import measures
 from shear_sim.models.interface import Column
-from shear_sim.rheology import HARMONICS
 from shear_sim.statistics import LEVEL, RESAMPLES, Interval, intervals
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FloatArray = NDArray[np.float64]
-#: From the means (P, C, K) of what each run contributes to the quantities (P, Q, K) of P points.
-Quantities = Callable[[FloatArray, "pd.DataFrame"], FloatArray]
+#: From the means of what each run contributes, and facts (P,) that are the same for all
+#: runs of a point, to the quantities (P, Q, K) of P points.
+Quantities = Callable[..., FloatArray]
 
 STEADY_QUANTITIES = (tables.STEADY[0][0], tables.STEADY[2][0], tables.STEADY[5][0])
 _TOGETHER = 16  # points resampled in one call: 5,000 resamples of 19 means take 12 MB
@@ -49,8 +49,8 @@ def curves_table(
         Of the bootstrap.
     """
     rows = waves.rows(runs["job"])
-    values = np.column_stack([waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows]])
-    facts = {"amplitude": waves.strain_amplitude[rows], "omega": waves.angular_frequency[rows]}
+    values = contributions(waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows])
+    facts = waves.strain_amplitude[rows], waves.angular_frequency[rows]
     moduli = [column.name for column in tables.MODULI[:4]]
     own = [
         f"{column.name}{tables.TENSORS[tensor]}" if column.name in moduli else column.name
@@ -63,35 +63,12 @@ def curves_table(
         tables.CURVE_QUANTITIES,
         own,
         values,
-        runs[[]].assign(**facts),
-        _of_waves,
+        facts,
+        MAY_BE_LOGARITHMIC,
+        curve_quantities,
         failed=failed,
         seed=seed,
     )
-
-
-def _of_waves(means: FloatArray, facts: "pd.DataFrame") -> FloatArray:
-    """Return the quantities of ``curves`` of mean harmonics and peak (P, 19, K)."""
-    storage, loss = means[:, :HARMONICS], means[:, HARMONICS : 2 * HARMONICS]
-    amplitude, omega = (facts[name].to_numpy()[:, None] for name in ("amplitude", "omega"))
-    size = np.hypot(storage[:, 0], loss[:, 0])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = loss[:, 0] / storage[:, 0]
-    more = measures(
-        storage.swapaxes(1, 2),
-        loss.swapaxes(1, 2),
-        strain_amplitude=amplitude,
-        angular_frequency=omega,
-        peak_stress=means[:, -1],
-    )
-    found = more | {
-        "storage_modulus": storage[:, 0],
-        "loss_modulus": loss[:, 0],
-        "complex_modulus": size,
-        "tan_delta": ratio,
-        "total_stress": size * amplitude,
-    }
-    return np.stack([found[quantity.name] for quantity in tables.CURVE_QUANTITIES], axis=1)
 
 
 def steady_table(
@@ -114,8 +91,9 @@ def steady_table(
         STEADY_QUANTITIES,
         own,
         _values(runs, own),
-        runs[[]],
-        lambda means, _: means,
+        (),
+        np.ones(len(own), dtype=bool),
+        lambda means: means.values,
         failed=failed,
         seed=seed,
     )
@@ -128,7 +106,8 @@ def _points_table(
     quantities: Sequence[Column],
     own_names: Sequence[str],
     values: FloatArray,
-    facts: "pd.DataFrame",
+    facts: Sequence[FloatArray],
+    logarithmic: NDArray[np.bool_],
     derive: Quantities,
     *,
     failed: Collection[str],
@@ -137,7 +116,8 @@ def _points_table(
     """Return one row per point.
 
     ``own_names`` are the columns of ``runs`` with the runs' own quantities; ``values`` (R, C) is
-    what is averaged, and ``facts`` what is needed beside it, of each row of ``runs``.
+    what is averaged, and ``facts`` what is needed beside it, of each row of ``runs``. Where
+    ``logarithmic`` (Q,), the logarithm of a quantity may be taken if all its own are positive.
     """
     points = planned.drop_duplicates("point").reset_index(drop=True)
     failures = planned["job"].isin(set(failed)).groupby(planned["point"]).sum()
@@ -156,7 +136,7 @@ def _points_table(
         "n": [len(usable.get(p, ())) for p in points["point"]],
     }
     own = _values(runs, own_names)
-    found = _intervals(usable, values, facts, own, derive, len(quantities), seed)
+    found = _intervals(usable, values, facts, own, logarithmic, derive, seed)
     nothing = [Interval(math.nan, math.nan, math.nan, "none", 0, None)] * len(quantities)
     rows = [usable.get(point, np.empty(0, dtype=np.intp)) for point in points["point"]]
     each = [found.get(point, nothing) for point in points["point"]]
@@ -202,13 +182,14 @@ def _groups(runs: "pd.DataFrame", which: NDArray[np.bool_]) -> dict[str, NDArray
 def _intervals(
     groups: dict[str, NDArray[np.intp]],
     values: FloatArray,
-    facts: "pd.DataFrame",
+    facts: Sequence[FloatArray],
     own: FloatArray,
+    logarithmic: NDArray[np.bool_],
     derive: Quantities,
-    quantities: int,
     seed: int,
 ) -> dict[str, list[Interval]]:
     """Return the intervals of each point; points of as many runs share one bootstrap."""
+    quantities = len(logarithmic)
     by_size: dict[int, list[str]] = {}
     for point, rows in groups.items():
         by_size.setdefault(len(rows), []).append(point)
@@ -218,18 +199,18 @@ def _intervals(
             some = points[start : start + _TOGETHER]
             rows = np.array([groups[point] for point in some])
             replicates = [Replicates(np.arange(size), values[r]) for r in rows]
-            ensemble, first = Ensemble(replicates, paired=True), facts.iloc[rows[:, 0]]
+            ensemble, first = Ensemble(replicates, paired=True), [f[rows[:, 0]] for f in facts]
 
             def statistic(
                 counts: Sequence[FloatArray],
                 ensemble: Ensemble = ensemble,
-                first: "pd.DataFrame" = first,
+                first: Sequence[FloatArray] = first,
             ) -> FloatArray:
-                derived = derive(ensemble.means(counts), first)
+                derived = derive(ensemble.means(counts), *first)
                 return derived.reshape(-1, derived.shape[-1])
 
             # Nan where a run has no value of its own: its logarithm is not taken either.
-            positive = (own[rows] > 0).all(axis=1).ravel()
+            positive = ((own[rows] > 0).all(axis=1) & logarithmic).ravel()
             flat = intervals(statistic, ensemble.sizes, positive=positive, seed=seed)
             for place, point in enumerate(some):
                 found[point] = flat[place * quantities : (place + 1) * quantities]

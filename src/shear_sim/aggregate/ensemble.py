@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.aggregate.response import Means
+
 FloatArray = NDArray[np.float64]
 
 
@@ -56,8 +58,8 @@ class Ensemble:
             self._sums[place][:, columns] = point.values.T
             self._there[place, columns] = 1.0
 
-    def means(self, counts: Sequence[FloatArray]) -> FloatArray:
-        """Return the mean values (P, C, K) of P points in K resamples.
+    def means(self, counts: Sequence[FloatArray]) -> Means:
+        """Return the mean values of P points in K resamples.
 
         Parameters
         ----------
@@ -67,17 +69,15 @@ class Ensemble:
         """
         with np.errstate(invalid="ignore", divide="ignore"):
             if not self._paired:
+                drawn = np.array([each.sum(axis=1) for each in counts])
                 pairs = zip(self._points, counts, strict=True)
-                return np.array(
-                    [_sums(p.values.T, drawn) / drawn.sum(axis=1) for p, drawn in pairs]
-                )
-            [drawn] = counts
+                sums = np.array([_sums(point.values.T, each) for point, each in pairs])
+                return Means(sums / drawn[:, None], drawn)
+            [each] = counts
             points, contributions, n = self._sums.shape
-            sums = _sums(self._sums.reshape(-1, n), drawn).reshape(points, contributions, -1)
-            there = _sums(self._there, drawn)
-            # Where nobody is missing, which is nearly always, all points have the same divisor.
-            same = bool(self._there.all())
-            return sums / (there[0] if same else there[:, None])
+            sums = _sums(self._sums.reshape(-1, n), each).reshape(points, contributions, -1)
+            drawn = _sums(self._there, each)
+            return Means(sums / drawn[:, None], drawn)
 
 
 def _sums(values: FloatArray, drawn: FloatArray) -> FloatArray:

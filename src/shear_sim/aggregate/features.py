@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
 from shear_sim.aggregate.frame import frame
+from shear_sim.aggregate.response import (
+    OF_LANDMARKS,
+    Means,
+    contributions,
+    third_harmonic_ratio,
+)
 from shear_sim.aggregate.runs import Waves
 from shear_sim.landmarks import Landmark, landmarks
 from shear_sim.models.interface import Column
@@ -29,7 +35,7 @@ class Curve(NamedTuple):
     """The runs of a curve, by strain amplitude."""
 
     amplitudes: FloatArray  # (P,), increasing
-    points: list[Replicates]  # each with G', G'', and the third harmonic's G'_3, G''_3
+    points: list[Replicates]  # each with the contributions `OF_LANDMARKS`
     planned: int  # runs at each amplitude, by the plan
 
 
@@ -42,14 +48,8 @@ def find_curves(planned: "pd.DataFrame", runs: "pd.DataFrame", waves: Waves) -> 
         The plan, `shear_sim.aggregate.runs.runs_table` of it, and their harmonics.
     """
     rows = waves.rows(runs["job"])
-    values = np.column_stack(
-        [
-            waves.storage_n[rows, 0],
-            waves.loss_n[rows, 0],
-            waves.storage_n[rows, 2],
-            waves.loss_n[rows, 2],
-        ]
-    )
+    values = contributions(waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows])
+    values = values[:, OF_LANDMARKS]
     known = np.isfinite(values[:, 0])
     if AMPLITUDE not in runs:
         return {}
@@ -70,12 +70,10 @@ def find_curves(planned: "pd.DataFrame", runs: "pd.DataFrame", waves: Waves) -> 
     }
 
 
-def of_means(amplitudes: FloatArray, means: FloatArray) -> dict[str, Landmark]:
-    """Return the landmarks of mean responses (P, 4, K): G', G'', G'_3 and G''_3."""
-    storage, loss = means[:, 0], means[:, 1]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        third = np.hypot(means[:, 2], means[:, 3]) / np.hypot(storage, loss)
-    return landmarks(amplitudes, storage, loss, third)
+def of_means(amplitudes: FloatArray, means: Means) -> dict[str, Landmark]:
+    """Return the landmarks of the means of what each run contributes, at `OF_LANDMARKS`."""
+    storage, loss = means.values[:, 0], means.values[:, 1]
+    return landmarks(amplitudes, storage, loss, third_harmonic_ratio(means))
 
 
 def quantities(landmark: Landmark) -> dict[str, FloatArray]:

@@ -133,7 +133,8 @@ def _beyond(axis: "Axes", panel: Panel, quantity: str, places: "Mapping[Any, int
         shift = ScaledTranslation(4 * aside / 72, 0, figure.dpi_scale_trans)
         axis.plot(
             at, found["strain_limit"], color=LANDMARKS[str(name)][1], linestyle="none",
-            marker=_ARROWS[str(where)], markersize=6, transform=axis.transData + shift,
+            marker=_ARROWS[str(where)], markersize=6, clip_on=False,
+            transform=axis.transData + shift,
         )  # fmt: skip
         least, most = found["strain_limit"].min(), found["strain_limit"].max()
         low, high = axis.get_ylim() if axis.get_yscale() == "log" else (least, most)

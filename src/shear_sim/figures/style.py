@@ -88,6 +88,8 @@ _SYMBOLS = {
     "viscosity": "viscosity $\\eta$",
     "strain": "strain amplitude $\\gamma_0$",
     "total_stress": "stress $|G^*|\\gamma_0$",
+    "complex_modulus": "complex modulus $|G^*|$",
+    "tan_delta": "loss tangent $\\tan\\delta$",
     "third_harmonic_ratio": "$I_3/I_1$",
     "stiffening_ratio": "stiffening $S$",
     "thickening_ratio": "thickening $T$",

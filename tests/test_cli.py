@@ -61,7 +61,7 @@ def test_help_answers_in_under_half_a_second(environment):
 def test_every_command_explains_itself_with_an_example():
     runner = CliRunner()
     names = [command.callback.__name__ for command in cli.app.registered_commands]
-    assert names == ["sweep", "plan", "run", "status", "show", "aggregate", "accuracy"]
+    assert names == ["sweep", "plan", "run", "status", "show", "aggregate", "report", "accuracy"]
     for name in names:
         shown = runner.invoke(cli.app, [name, "--help"])
         assert shown.exit_code == 0

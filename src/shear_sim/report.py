@@ -44,13 +44,15 @@ _WORDS = WORDS | {
 _RUN_BY = ("version", "git_commit", "python", "numpy", "numba", "processor")
 
 
-def write_report(folder: Path | str) -> Path:
+def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
     """Aggregate the results of a study, complete or not, and write ``report.html``.
 
     Parameters
     ----------
     folder : Path or str
         ``results/<study>``.
+    tensor : {"periodic", "internal", "external"}, optional
+        See `shear_sim.aggregate.make_tables`.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def write_report(folder: Path | str) -> Path:
         If its plan is missing or damaged.
     """
     results = Results.existing(Path(folder))
-    tables = aggregate(results.folder)
+    tables = aggregate(results.folder, tensor=tensor)
     path = results.folder / "report.html"
     try:
         write_whole(path, page(results, tables).encode())

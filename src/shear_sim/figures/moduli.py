@@ -75,6 +75,7 @@ def moduli_with_landmarks(
         style.note(
             figure,
             style.intervals_note(points, list(_MODULI)),
+            style.tensor_note(points),
             style.left_out_note(key, shown, values),
             style.partial_note(points),
         )

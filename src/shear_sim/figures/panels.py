@@ -106,6 +106,7 @@ def grid(
         style.note(
             figure,
             style.intervals_note(points, quantities),
+            style.tensor_note(points),
             f"arrows at the foot: mean not positive ({hidden})" if hidden else "",
             note,
             style.partial_note(points),

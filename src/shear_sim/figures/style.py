@@ -248,6 +248,12 @@ def left_out_note(key: str | None, shown: Sequence[Any], values: Sequence[Any]) 
     return f"{len(shown)} of {len(values)} values of {symbol(key)} are drawn"
 
 
+def tensor_note(table: "pd.DataFrame") -> str:
+    """Return whose moduli a table holds, or nothing where they are of all contacts."""
+    tensor = table.attrs["tensor"]
+    return "" if tensor == "periodic" else f"moduli of the {tensor} tensor"
+
+
 def intervals_note(points: "pd.DataFrame", quantities: Sequence[str]) -> str:
     """Return in words how many replicates and which intervals a figure shows."""
     counts = points.loc[points["replicates"] > 0, "replicates"]

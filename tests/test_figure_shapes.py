@@ -1,13 +1,15 @@
 """Studies of any shape give figures that can be read: nothing cut, hidden, overlapping or tiny."""
 
+import runpy
 from itertools import pairwise
+from pathlib import Path
 
 import kelvin_voigt  # noqa: F401 - makes the model known
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from shear_sim.aggregate import make_tables
+from shear_sim.aggregate import aggregate, make_tables
 from shear_sim.figures import CAPTIONS, draw, style
 from shear_sim.results import Results
 from shear_sim.runner import run_job
@@ -163,3 +165,27 @@ def test_every_figure_of_a_partial_study_says_n_of_n(study, monkeypatch):
     for name, figure in figures.items():
         assert f"PARTIAL STUDY: {done} of 72 runs" in figure.get_suptitle(), name
         assert list(faults(figure)) == [], name
+
+
+ANALYSIS = Path(__file__).parents[1] / "analysis"
+
+
+def test_programs_that_draw_ones_own_figures(study, tmp_path, monkeypatch):
+    """Those of analysis/, on the tables of a small study."""
+    monkeypatch.setattr(style, "DPI", 50)
+    text, _ = SHAPES["scenes, a crossed parameter and a branch"]
+    results = study(text)
+    aggregate(results.folder, figures=False)
+    job = next(iter(results.finished()))
+    arguments = {
+        "fig_contact_laws": [],
+        "fig_landmarks": [results.folder, "model.viscosity"],
+        "fig_run": [results.job_file(job)],
+        "fig_scenes": [results.folder, "soft", "tan_delta,loss_modulus"],
+    }
+    assert arguments.keys() == {path.stem for path in ANALYSIS.glob("fig_*.py")}
+    for name, given in arguments.items():
+        program = runpy.run_path(str(ANALYSIS / f"{name}.py"))
+        program["main"](*map(str, given), str(tmp_path / name))
+        assert (tmp_path / f"{name}.png").stat().st_size > 1000
+        assert (tmp_path / f"{name}.pdf").stat().st_size > 1000

@@ -156,6 +156,14 @@ def test_a_partial_study_says_n_of_n(make):
     assert "PARTIAL" not in make(main_study(), MODULI).get_suptitle()
 
 
+@pytest.mark.parametrize("make", [curves, branches])
+def test_moduli_that_are_not_of_all_contacts_are_called_so(make):
+    table = main_study()
+    assert "tensor" not in make(table, MODULI).get_suptitle()
+    table.attrs["tensor"] = "internal"
+    assert "moduli of the internal tensor" in make(table, MODULI).get_suptitle()
+
+
 def test_a_random_design_is_drawn_as_points():
     rng = np.random.default_rng(1)
     keys = ("shear.strain_amplitude", "model.friction", "model.young_modulus")
@@ -268,7 +276,7 @@ def test_too_many_curves_for_a_page_are_thinned_and_counted():
     figure = moduli_with_landmarks(table)
     assert len(figure.axes) == 30
     titles = [axis.get_title() for axis in figure.axes]
-    assert (titles[0], titles[-1]) == ("gel, $\\mu$ = 0.001", "gel, $\\mu$ = 1")
+    assert (titles[0], titles[-1]) == ("$\\mu$ = 0.001", "$\\mu$ = 1")
     assert "30 of 40 values of $\\mu$ are drawn" in figure.get_suptitle()
 
 

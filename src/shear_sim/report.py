@@ -44,13 +44,15 @@ _WORDS = WORDS | {
 _RUN_BY = ("program", "version", "git_commit", "python", "numpy", "numba", "processor")
 
 
-def write_report(folder: Path | str) -> Path:
+def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
     """Aggregate the results of a study, complete or not, and write ``report.html``.
 
     Parameters
     ----------
     folder : Path or str
         ``results/<study>``.
+    tensor : {"periodic", "internal", "external"}, optional
+        See `shear_sim.aggregate.make_tables`.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def write_report(folder: Path | str) -> Path:
         If its plan is missing or damaged.
     """
     results = Results.existing(Path(folder))
-    tables = aggregate(results.folder)
+    tables = aggregate(results.folder, tensor=tensor)
     path = results.folder / "report.html"
     try:
         write_whole(path, page(results, tables).encode())
@@ -181,8 +183,8 @@ def _quality(
             first = of_point.iloc[0]
             count = f"{len(of_point)} of {done[point]}"
             reasons = dict.fromkeys(_reason(run) for run in of_point.to_dict("records"))
-            facts = [style.value_text(first[key]) for key in keys]
-            rows.append([str(first["scene"]), *facts, count, "; ".join(reasons)])
+            facts = [first[key] for key in keys]
+            rows.append([first["scene"], *facts, count, "; ".join(reasons)])
         headings = ["scene", *map(short_name, keys), "flagged", "why"]
         title = f"points with flagged runs{_cut(len(rows))}"
         yield _table(title, headings, rows[:MOST_LISTED])
@@ -267,7 +269,7 @@ def _study(
     for table in points:
         for key in map(str, table):
             if "." in key:
-                values = [*dict.fromkeys(map(style.value_text, table[key].dropna().sort_values()))]
+                values = [*dict.fromkeys(map(_text, table[key].dropna().sort_values()))]
                 unit = table.attrs["units"][key]
                 varied[key] = [unit if unit != "1" else "", ", ".join(values)]
     if varied:
@@ -295,11 +297,13 @@ def _list(lines: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>\n"
 
 
+def _text(cell: Any) -> str:
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+
+
 def _table(title: str, headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return a table; columns of words are flush left, those of numbers right."""
-    texts = [
-        [cell if isinstance(cell, str) else style.value_text(cell) for cell in row] for row in rows
-    ]
+    texts = [[_text(cell) for cell in row] for row in rows]
     kinds = []
     for place, heading in enumerate(headings):
         long = any(len(row[place]) > _LINE for row in texts)

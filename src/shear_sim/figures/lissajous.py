@@ -83,6 +83,7 @@ def lissajous(points: "pd.DataFrame", harmonics: "pd.DataFrame", kind: Kind) -> 
         style.note(
             figure,
             f"{_LOOKS[kind][2]}, each over its largest value; mean response",
+            style.tensor_note(points),
             style.left_out_note(AMPLITUDE, columns, amplitudes),
             style.left_out_note(key, rows, values),
             style.partial_note(points),

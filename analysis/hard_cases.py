@@ -14,7 +14,7 @@ the table. What must hold in each: the run is refused or stopped with a reason, 
   over a fifth of d errs by 0.85 % of the work on the way in and, at most, as much on the way out;
   through the centre one substep (they are never shorter than a step / 4096) sees the force of the
   clamp from the wrong side, another 0.55 %;
-- both stress tensors are symmetric to 1e-13 of Σ|σ_ab|, which is at most Σ|F||l|/V;
+- both stress tensors are symmetric to 1e-13 of Σ|σ_ab| of the periodic one (at most 2 Σ|F||l|/V);
 - momentum is conserved to 1e-12 (the sum of 1e5 rounded impulses);
 - nobody passes through anybody, looked at four times in every whole step (in a run of its own, with
   substeps by the same limits): a touching pair has passed if, since it was last seen touching and

@@ -104,6 +104,15 @@ def test_an_index_of_an_older_format_is_made_again_silently(results):
     assert results.index().column("moduli.periodic.storage").to_pylist() == [1.0]
 
 
+def test_an_index_made_in_pieces_is_the_same(results, monkeypatch):
+    for job in ids(5):
+        write_job(results, job, storage=1 if job == ids(5)[0] else 2.5)
+    whole = results.index()
+    results.index_file.unlink()
+    monkeypatch.setattr(module, "_ROWS_AT_ONCE", 2)
+    assert results.index().equals(whole)
+
+
 def test_a_damaged_index_is_made_again(results):
     write_job(results, "a" * 16)
     results.index()

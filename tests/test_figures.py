@@ -18,6 +18,7 @@ from figure_tables import (
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
+from PIL import Image
 
 from shear_sim.figures import (
     CAPTIONS,
@@ -100,7 +101,7 @@ def test_a_mean_that_is_not_positive_is_marked_at_the_foot_and_counted():
     (mark,) = [line for line in axis.get_lines() if line.get_marker() == FOOT_MARK]
     assert mark.get_xdata().tolist() == [1.0]
     assert mark.get_ydata().tolist() == [axis.get_ylim()[0]]
-    assert "arrows at the foot: mean not positive (1)" in figure.get_suptitle()
+    assert "arrows at the foot: 0 or below (1)" in figure.get_suptitle()
 
 
 def test_an_interval_that_reaches_zero_is_cut_at_the_foot():
@@ -470,6 +471,15 @@ def test_figures_are_files_of_print_quality_and_the_same_bits_each_time(tmp_path
 
 def as_steady(name):
     return name.replace("storage_modulus", "shear_stress").replace("loss_modulus", "viscosity")
+
+
+def test_a_palette_keeps_white_and_faint_shades(tmp_path):
+    picture, _ = style.save(example_run(*oscillation(), None, "one run"), tmp_path / "run")
+    with Image.open(picture) as image:
+        assert image.mode == "P"
+        colours = {colour: count for count, colour in image.convert("RGB").getcolors(256)}
+    white, shade = sorted(colours, key=colours.get, reverse=True)[:2]
+    assert (white, shade) == ((255, 255, 255), (245, 245, 245))
 
 
 def test_figures_that_a_study_does_not_allow_any_more_are_removed(tmp_path):

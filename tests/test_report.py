@@ -126,7 +126,8 @@ def test_it_says_how_much_is_there_and_what_went_wrong(text, parsed):
     assert {"class": "partial"} in parsed.all("div")
     assert "the spring broke: 1 < 2 & so on" in parsed.text["td"]
     assert "1 &lt; 2 &amp; so on" in text
-    assert "baseline_noise" in parsed.text["td"]  # 2 Pa of noise, at 1 % strain
+    # 2 Pa of noise, at 1 % strain, in all replicates.
+    assert re.search(r"3 of 3(\w+ \d; )*baseline_noise 3", parsed.text["td"])
     assert "Points with flagged runs" in parsed.text["caption"]
 
 

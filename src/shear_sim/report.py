@@ -1,6 +1,7 @@
 """A study on one HTML page that refers to nothing outside itself, to be mailed to a co-author."""
 
 import base64
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -181,10 +182,10 @@ def _quality(
         rows = []
         for point, of_point in flagged.groupby("point", sort=False):
             first = of_point.iloc[0]
+            why = Counter(word for run in of_point.to_dict("records") for word in _reasons(run))
             count = f"{len(of_point)} of {done[point]}"
-            reasons = dict.fromkeys(_reason(run) for run in of_point.to_dict("records"))
-            facts = [first[key] for key in keys]
-            rows.append([first["scene"], *facts, count, "; ".join(reasons)])
+            words = "; ".join(f"{word} {times}" for word, times in why.most_common())
+            rows.append([first["scene"], *[first[key] for key in keys], count, words])
         headings = ["scene", *map(short_name, keys), "flagged", "why"]
         title = f"points with flagged runs{_cut(len(rows))}"
         yield _table(title, headings, rows[:MOST_LISTED])
@@ -194,10 +195,12 @@ def _quality(
         yield _table(title, ["job", "kind", "reason"], lines[:MOST_LISTED])
 
 
-def _reason(run: Mapping[Any, Any]) -> str:
+def _reasons(run: Mapping[Any, Any]) -> list[str]:
     """Return why a run is flagged."""
-    words = [run.get(name) for name in ("flags", "no_moduli", "no_steady")]
-    return "; ".join(word for word in words if isinstance(word, str) and word)
+    found = [run.get(name) for name in ("flags", "no_moduli", "no_steady")]
+    return [
+        word for words in found if isinstance(words, str) and words for word in words.split("; ")
+    ]
 
 
 def _cut(count: int) -> str:

@@ -1,7 +1,7 @@
 """A grid of panels: quantities in rows, panels in columns, lines told apart by colour and marker.
 
-On a logarithmic axis a mean that is not positive stands as an arrow at the foot of the panel, and
-the figure counts them; an interval that reaches zero is cut at the foot.
+On a logarithmic axis a mean of 0 or below stands as an arrow at the foot of the panel, and the
+figure counts them; an interval that reaches zero is cut at the foot.
 """
 
 import math
@@ -107,7 +107,7 @@ def grid(
             figure,
             style.intervals_note(points, quantities),
             style.tensor_note(points),
-            f"arrows at the foot: mean not positive ({hidden})" if hidden else "",
+            f"arrows at the foot: 0 or below ({hidden})" if hidden else "",
             note,
             style.partial_note(points),
         )

@@ -163,8 +163,7 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
         whole = Image.frombytes("RGBA", size, drawn.getvalue()).convert("RGB")
         if not any(axis.get_label() == "<colorbar>" for axis in figure.axes):
             # Without a gradient, a palette of 256 makes a third of the file, and looks the same.
-            whole = whole.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-            whole.putpalette([255 if x == 254 else x for x in whole.getpalette() or ()])
+            whole = whole.quantize(method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
         whole.save(paths[0], dpi=(DPI, DPI))
         # Without the library's version and the time in it, the same figure is the same file.
         nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))

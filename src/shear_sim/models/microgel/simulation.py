@@ -404,7 +404,7 @@ class MicrogelSimulation:
         """Self-checks of the records: largest relative errors of what must hold exactly."""
         column = self.columns()
 
-        # Of all contacts: the internal tensor is 0 but for rounding where every one crosses an edge.
+        # Of all contacts: the internal one is 0 but for rounding where every one crosses an edge.
         tensor = [np.abs(column[f"periodic_love_weber_{ab}"]) for ab in ("xx", "xy", "yx", "yy")]
         scale = np.max(np.sum(tensor, axis=0))
 

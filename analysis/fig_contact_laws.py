@@ -35,6 +35,9 @@ def table() -> pd.DataFrame:
     return pd.concat(parts)
 
 
+def main(stem: str) -> None:
+    print(*style.save(contact_laws(table()), Path(stem)))
+
+
 if __name__ == "__main__":
-    stem = Path(sys.argv[1] if len(sys.argv) > 1 else "contact_laws")
-    print(*style.save(contact_laws(table()), stem))
+    main(*sys.argv[1:])

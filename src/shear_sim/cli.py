@@ -59,6 +59,12 @@ class Tensor(StrEnum):
     external = "external"
 
 
+OfTensor = Annotated[
+    Tensor | None,
+    typer.Option("--tensor", help="Whose moduli the tables are of; default: all contacts."),
+]
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
@@ -213,9 +219,7 @@ def show(
 def aggregate(
     results: ResultsFolder,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Also draw.")] = True,
-    tensor: Annotated[
-        Tensor | None, typer.Option(help="Whose moduli the tables are of; default: all contacts.")
-    ] = None,
+    tensor: OfTensor = None,
 ) -> None:
     """Make the tables and figures of a study from its results, also from partial ones.
 
@@ -232,14 +236,14 @@ def aggregate(
 
 
 @app.command()
-def report(results: ResultsFolder) -> None:
+def report(results: ResultsFolder, tensor: OfTensor = None) -> None:
     """Aggregate a study and write report.html: one page with all of it, to be mailed.
 
     Example: shear-sim report results/main
     """
     from shear_sim.report import write_report
 
-    typer.echo(f"written: {write_report(results)}")
+    typer.echo(f"written: {write_report(results, tensor=tensor)}")
 
 
 @app.command()
@@ -376,3 +380,7 @@ def _explain(error: Exception) -> int:
             "This is an error of the program; `shear-sim --debug ...` shows where.", err=True
         )
     return FAILED
+
+
+if __name__ == "__main__":  # python -m shear_sim.cli
+    main()

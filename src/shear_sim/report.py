@@ -1,6 +1,7 @@
 """A study on one HTML page that refers to nothing outside itself, to be mailed to a co-author."""
 
 import base64
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -44,13 +45,15 @@ _WORDS = WORDS | {
 _RUN_BY = ("version", "git_commit", "python", "numpy", "numba", "processor")
 
 
-def write_report(folder: Path | str) -> Path:
+def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
     """Aggregate the results of a study, complete or not, and write ``report.html``.
 
     Parameters
     ----------
     folder : Path or str
         ``results/<study>``.
+    tensor : {"periodic", "internal", "external"}, optional
+        See `shear_sim.aggregate.make_tables`.
 
     Returns
     -------
@@ -65,7 +68,7 @@ def write_report(folder: Path | str) -> Path:
         If its plan is missing or damaged.
     """
     results = Results.existing(Path(folder))
-    tables = aggregate(results.folder)
+    tables = aggregate(results.folder, tensor=tensor)
     path = results.folder / "report.html"
     try:
         write_whole(path, page(results, tables).encode())
@@ -179,10 +182,10 @@ def _quality(
         rows = []
         for point, of_point in flagged.groupby("point", sort=False):
             first = of_point.iloc[0]
+            why = Counter(word for run in of_point.to_dict("records") for word in _reasons(run))
             count = f"{len(of_point)} of {done[point]}"
-            reasons = dict.fromkeys(_reason(run) for run in of_point.to_dict("records"))
-            facts = [style.value_text(first[key]) for key in keys]
-            rows.append([str(first["scene"]), *facts, count, "; ".join(reasons)])
+            words = "; ".join(f"{word} {times}" for word, times in why.most_common())
+            rows.append([first["scene"], *[first[key] for key in keys], count, words])
         headings = ["scene", *map(short_name, keys), "flagged", "why"]
         title = f"points with flagged runs{_cut(len(rows))}"
         yield _table(title, headings, rows[:MOST_LISTED])
@@ -192,10 +195,12 @@ def _quality(
         yield _table(title, ["job", "kind", "reason"], lines[:MOST_LISTED])
 
 
-def _reason(run: Mapping[Any, Any]) -> str:
+def _reasons(run: Mapping[Any, Any]) -> list[str]:
     """Return why a run is flagged."""
-    words = [run.get(name) for name in ("flags", "no_moduli", "no_steady")]
-    return "; ".join(word for word in words if isinstance(word, str) and word)
+    found = [run.get(name) for name in ("flags", "no_moduli", "no_steady")]
+    return [
+        word for words in found if isinstance(words, str) and words for word in words.split("; ")
+    ]
 
 
 def _cut(count: int) -> str:
@@ -267,7 +272,7 @@ def _study(
     for table in points:
         for key in map(str, table):
             if "." in key:
-                values = [*dict.fromkeys(map(style.value_text, table[key].dropna().sort_values()))]
+                values = [*dict.fromkeys(map(_text, table[key].dropna().sort_values()))]
                 unit = table.attrs["units"][key]
                 varied[key] = [unit if unit != "1" else "", ", ".join(values)]
     if varied:
@@ -295,11 +300,13 @@ def _list(lines: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>\n"
 
 
+def _text(cell: Any) -> str:
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+
+
 def _table(title: str, headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return a table; columns of words are flush left, those of numbers right."""
-    texts = [
-        [cell if isinstance(cell, str) else style.value_text(cell) for cell in row] for row in rows
-    ]
+    texts = [[_text(cell) for cell in row] for row in rows]
     kinds = []
     for place, heading in enumerate(headings):
         long = any(len(row[place]) > _LINE for row in texts)

@@ -94,20 +94,21 @@ def curve_table(points: "pd.DataFrame") -> "tuple[pd.DataFrame, str | None]":
     ValueError
         If the points form no curves over the strain amplitude (see `has_curves`).
     """
-    if not has_curves(points):
+    plan = variation(points)
+    line = at_reference(by_scene(points), plan, plan.branches)
+    if plan.x != AMPLITUDE or line.loc[line["replicates"] > 0, AMPLITUDE].nunique() < 2:
         msg = f"no curves over {AMPLITUDE} in these points"
         raise ValueError(msg)
-    plan = variation(points)
-    return at_reference(by_scene(points), plan, plan.branches), plan.colour
+    return line, plan.colour
 
 
 def has_curves(points: "pd.DataFrame") -> bool:
     """Whether some points differ in the strain amplitude alone, with results at two or more."""
-    plan = variation(points)
-    if plan.x != AMPLITUDE:
+    try:
+        curve_table(points)
+    except ValueError:
         return False
-    line = at_reference(by_scene(points), plan, plan.branches)
-    return bool(line.loc[line["replicates"] > 0, AMPLITUDE].nunique() > 1)
+    return True
 
 
 def evenly(values: Sequence[Any], most: int) -> list[Any]:

@@ -69,7 +69,10 @@ def landmarks(features: "pd.DataFrame", parameters: Sequence[str]) -> "Figure":
     if not panels:
         msg = f"no two curves differ in one of {', '.join(parameters) or 'no parameters'} alone"
         raise ValueError(msg)
+    arrows = any(panel.points["censored"].isin(_ARROWS).any() for panel in panels)
     quantities = [q for q in _SHOWN if any(p.points[f"{q}_mean"].notna().any() for p in panels)]
+    if arrows and "strain" not in quantities:
+        quantities.insert(0, "strain")
     seen = set()
     for panel in panels:
         found = panel.points["strain_mean"].notna() | panel.points["storage_modulus_mean"].notna()
@@ -80,12 +83,12 @@ def landmarks(features: "pd.DataFrame", parameters: Sequence[str]) -> "Figure":
         if name in seen
     ]
     notes = []
-    if any((panel.points["censored"].isin(_ARROWS)).any() for panel in panels):
+    if arrows:
         notes.append("arrows: beyond the amplitudes")
     if FRICTION in parameters:
         notes.append(r"dotted: $\gamma_0=\mu$")
     look = Look("landmark", groups, {}, joined=True, bands=False)
-    return grid(features, quantities or ["strain"], panels, look, "; ".join(notes), _beyond)
+    return grid(features, quantities, panels, look, "; ".join(notes), _beyond)
 
 
 def _table(features: "pd.DataFrame") -> "tuple[pd.DataFrame, Variation]":
@@ -117,17 +120,27 @@ def _beyond(axis: "Axes", panel: Panel, quantity: str, places: "Mapping[Any, int
     """Mark landmarks beyond the amplitudes by arrows at the last one, and draw γ₀ = μ."""
     if quantity != "strain":
         return
+    from matplotlib.transforms import ScaledTranslation
+
     points = panel.points[panel.points["landmark"].isin(_SHOWN["strain"])]
+    figure = axis.get_figure(root=True)
     for (name, where), found in points.groupby(["landmark", "censored"], observed=True):
-        if where in _ARROWS:
-            at = found[panel.x] if places is None else found[panel.x].map(places)
-            axis.plot(
-                at, found["strain_limit"], color=LANDMARKS[str(name)][1], linestyle="none",
-                marker=_ARROWS[str(where)], markersize=6,
-            )  # fmt: skip
-            low, high = axis.get_ylim()
-            least, most = found["strain_limit"].min(), found["strain_limit"].max()
-            axis.set_ylim(min(low, least / 1.5), max(high, 1.5 * most))
+        if where not in _ARROWS or figure is None:
+            continue
+        at = found[panel.x] if places is None else found[panel.x].map(places)
+        # Beside one another: several landmarks have the same limit.
+        aside = _SHOWN["strain"].index(str(name)) - (len(_SHOWN["strain"]) - 1) / 2
+        shift = ScaledTranslation(4 * aside / 72, 0, figure.dpi_scale_trans)
+        axis.plot(
+            at, found["strain_limit"], color=LANDMARKS[str(name)][1], linestyle="none",
+            marker=_ARROWS[str(where)], markersize=6, clip_on=False,
+            transform=axis.transData + shift,
+        )  # fmt: skip
+        least, most = found["strain_limit"].min(), found["strain_limit"].max()
+        low, high = axis.get_ylim() if axis.get_yscale() == "log" else (least, most)
+        axis.set_yscale("log")
+        axis.set_ylim(min(low, least / 1.5), max(high, 1.5 * most))
+        style.log_ticks(axis.yaxis, *axis.get_ylim())
     if panel.x == FRICTION:
         friction = points.loc[points[FRICTION] > 0, FRICTION]
         axis.plot(friction, friction, color="0.6", linestyle=":", linewidth=0.9, zorder=1)

@@ -83,6 +83,7 @@ def lissajous(points: "pd.DataFrame", harmonics: "pd.DataFrame", kind: Kind) -> 
         style.note(
             figure,
             f"{_LOOKS[kind][2]}, each over its largest value; mean response",
+            style.tensor_note(points),
             style.left_out_note(AMPLITUDE, columns, amplitudes),
             style.left_out_note(key, rows, values),
             style.partial_note(points),
@@ -165,4 +166,5 @@ def _explain(figure: "Figure", kind: Kind) -> None:
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], **drawn) for drawn in _lines(kind).values()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, columnspacing=1.2)
+    columns = 3 if figure.get_figwidth() > 1.2 * style.SINGLE else 2
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)

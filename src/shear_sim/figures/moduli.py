@@ -61,7 +61,8 @@ def moduli_with_landmarks(
         style.scale_x(axes[0], table[AMPLITUDE])
         foot = style.scale_y(axes[0], table, list(_MODULI))
         for place, (axis, (scene, value, part)) in enumerate(zip(axes, parts, strict=True)):
-            axis.set_title(_title(scene, key, value), fontsize=style.SMALL + 0.5)
+            title = _title(scene if len(scenes) > 1 else "", key, value)
+            axis.set_title(title, fontsize=style.SMALL + 0.5)
             _curve(axis, part.sort_values(AMPLITUDE), foot)
             for curve in part["curve"].unique():
                 for found in marks.get(curve, ()):
@@ -74,6 +75,7 @@ def moduli_with_landmarks(
         style.note(
             figure,
             style.intervals_note(points, list(_MODULI)),
+            style.tensor_note(points),
             style.left_out_note(key, shown, values),
             style.partial_note(points),
         )

@@ -1,7 +1,7 @@
 """A grid of panels: quantities in rows, panels in columns, lines told apart by colour and marker.
 
-On a logarithmic axis a mean that is not positive stands as an arrow at the foot of the panel, and
-the figure counts them; an interval that reaches zero is cut at the foot.
+On a logarithmic axis a mean of 0 or below stands as an arrow at the foot of the panel, and the
+figure counts them; an interval that reaches zero is cut at the foot.
 """
 
 import math
@@ -106,7 +106,8 @@ def grid(
         style.note(
             figure,
             style.intervals_note(points, quantities),
-            f"arrows at the foot: mean not positive ({hidden})" if hidden else "",
+            style.tensor_note(points),
+            f"arrows at the foot: 0 or below ({hidden})" if hidden else "",
             note,
             style.partial_note(points),
         )
@@ -127,8 +128,8 @@ class Look:
     """How lines are told apart, and whether points are joined by lines.
 
     ``key`` is the column that colour and marker tell, ``groups`` its values; with a colour ``bar``
-    there is one group of all points. ``styles`` of lines tell the scenes where several share a
-    panel. Intervals are ``bands`` (bars where a point has no neighbour), or bars.
+    points that are not joined are one group. ``styles`` of lines tell the scenes where several
+    share a panel. Intervals are ``bands`` (bars where a point has no neighbour), or bars.
     """
 
     key: str | None
@@ -160,6 +161,8 @@ class Look:
         if ordered and len(values) > _MOST_LINES:
             norm = LogNorm if values[0] > 0 and style.is_wide(shown[key]) else Normalize
             bar = ScalarMappable(norm(values[0], values[-1]), mpl.colormaps["viridis"])
+            if joined:
+                everything = [Group(v, bar.to_rgba(v), style.MARKERS[0], "") for v in values]
             return cls(key, everything, styles, joined, bar=bar, title=style.label(points, key))
         colours: Sequence[Any] = style.UNORDERED * len(values)
         if ordered and len(values) > 1:
@@ -264,6 +267,7 @@ def _line(
         seen = np.ones(len(mean), dtype=bool) if foot is None else mean > 0
         colour = drawn["color"]
         if look.bar is not None:
+            drawn["color"] = "k"  # of the arrows at the foot
             colour = look.bar.to_rgba(line[look.key].to_numpy(dtype=np.float64))
         axis.scatter(
             at[seen], mean[seen], color=colour if look.bar is None else colour[seen], s=12,
@@ -272,7 +276,7 @@ def _line(
         axis.vlines(at, low, high, color=colour, alpha=0.4, linewidth=1)
     if foot is None:
         return 0
-    return _mark_foot(axis, at[mean <= 0], foot, "k" if look.bar else drawn["color"], aside)
+    return _mark_foot(axis, at[mean <= 0], foot, drawn["color"], aside)
 
 
 def bands(

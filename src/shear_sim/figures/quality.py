@@ -26,6 +26,7 @@ MEASURES = {
 }
 _LIMITS = LIMITS | {"largest_jump": (0.0, JUMP)}
 _AROUND_ONE = "surface_internal_ratio"  # on a linear axis
+_FEW = 200  # runs of a scene, below which their points are larger
 _LEAST = 1e-17  # where zeros stand on a logarithmic axis
 
 
@@ -96,7 +97,8 @@ def _places(runs: "pd.DataFrame", turn: int, turns: int, *, along: bool) -> Floa
 
 def _points(axis: "Axes", at: FloatArray, values: FloatArray, turn: int) -> None:
     axis.plot(
-        at, np.where(values == 0.0, _LEAST, values), linestyle="none", markersize=1.8,
+        at, np.where(values == 0.0, _LEAST, values), linestyle="none",
+        markersize=3.5 if len(values) < _FEW else 1.8,
         marker=style.MARKERS[turn % len(style.MARKERS)], markeredgewidth=0,
         color=style.UNORDERED[turn % len(style.UNORDERED)], alpha=0.55, rasterized=True,
     )  # fmt: skip

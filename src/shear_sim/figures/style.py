@@ -34,6 +34,7 @@ GREY = "0.3"
 _RC: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
+    "axes.titley": 1.0,  # where it is anyway; looking for a better place costs a lot
     "axes.labelsize": 8.5,
     "xtick.labelsize": 7.5,
     "ytick.labelsize": 7.5,
@@ -67,7 +68,9 @@ _SIGNED = frozenset({"stiffening_ratio", "thickening_ratio"})  # 0 is in the mid
 _WIDE = 8  # largest / smallest value from which an axis of a parameter is logarithmic
 _FEW = 5  # values of a parameter that are labelled themselves
 _NEAR = 0.15  # of the axis: values nearer to one another have no room for their labels
+_DIGITS = 6  # letters of a number that is written in full
 _LETTERS = 20  # of all names on an axis, from which they are turned
+_METHODS = {"t": "Student's t", "t_log": "Student's t on logarithms"}
 _SYMBOLS = {
     AMPLITUDE: "strain amplitude $\\gamma_0$",
     "shear.relative_frequency": "relative frequency $f\\tau$",
@@ -85,6 +88,8 @@ _SYMBOLS = {
     "viscosity": "viscosity $\\eta$",
     "strain": "strain amplitude $\\gamma_0$",
     "total_stress": "stress $|G^*|\\gamma_0$",
+    "complex_modulus": "complex modulus $|G^*|$",
+    "tan_delta": "loss tangent $\\tan\\delta$",
     "third_harmonic_ratio": "$I_3/I_1$",
     "stiffening_ratio": "stiffening $S$",
     "thickening_ratio": "thickening $T$",
@@ -153,15 +158,13 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
             layout.execute(figure)
             figure.set_layout_engine("none")
         drawn = BytesIO()
-        figure.savefig(drawn, format="png", dpi=DPI, pil_kwargs={"compress_level": 0})
-        # A figure has few colours: a palette of 256 makes a third of the file, and looks the same.
-        few = (
-            Image.open(drawn)
-            .convert("RGB")
-            .quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-        )
-        few.putpalette([255 if shade == 254 else shade for shade in few.getpalette() or ()])
-        few.save(paths[0], dpi=(DPI, DPI))
+        figure.savefig(drawn, format="rgba", dpi=DPI)
+        size = int(figure.bbox.width), int(figure.bbox.height)
+        whole = Image.frombytes("RGBA", size, drawn.getvalue()).convert("RGB")
+        if not any(axis.get_label() == "<colorbar>" for axis in figure.axes):
+            # Without a gradient, a palette of 256 makes a third of the file, and looks the same.
+            whole = whole.quantize(method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        whole.save(paths[0], dpi=(DPI, DPI))
         # Without the library's version and the time in it, the same figure is the same file.
         nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
         figure.savefig(paths[1], dpi=DPI, metadata=nothing)
@@ -222,11 +225,13 @@ def words(name: str) -> str:
 
 
 def value_text(value: Any) -> str:
-    """Return a value of a parameter in short."""
+    """Return a value of a parameter in short; numbers of many digits are cut to three."""
     if value is None or value != value:  # nan
         return "none"
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f"{value:g}" if number else words(str(value))
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return words(str(value))
+    text = f"{value:g}"
+    return text if len(text) <= _DIGITS else f"{float(f'{value:.3g}'):g}"
 
 
 def partial_note(table: "pd.DataFrame") -> str:
@@ -242,6 +247,12 @@ def left_out_note(key: str | None, shown: Sequence[Any], values: Sequence[Any]) 
     return f"{len(shown)} of {len(values)} values of {symbol(key)} are drawn"
 
 
+def tensor_note(table: "pd.DataFrame") -> str:
+    """Return whose moduli a table holds, or nothing where they are of all contacts."""
+    tensor = table.attrs["tensor"]
+    return "" if tensor == "periodic" else f"moduli of the {tensor} tensor"
+
+
 def intervals_note(points: "pd.DataFrame", quantities: Sequence[str]) -> str:
     """Return in words how many replicates and which intervals a figure shows."""
     counts = points.loc[points["replicates"] > 0, "replicates"]
@@ -254,7 +265,8 @@ def intervals_note(points: "pd.DataFrame", quantities: Sequence[str]) -> str:
     if not methods:
         return f"{number}, no intervals"
     level = float(points["ci_level"].iloc[0])
-    return f"{number}; {level:.0%} intervals ({', '.join(sorted(methods))})"
+    how = ", ".join(_METHODS.get(method, method) for method in sorted(methods))
+    return f"{number}; {level:.0%} intervals ({how})"
 
 
 def is_wide(values: "pd.Series[Any]") -> bool:
@@ -306,14 +318,18 @@ def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> f
 
     mean, low, high = values("mean"), values("ci_low"), values("ci_high")
     positive = mean[mean > 0]
-    if _SIGNED.issuperset(quantities):
-        if len(mean):  # a wild interval, of a ratio to nearly nothing, is cut
-            room = 0.1 * float(np.ptp(mean)) or 0.1
-            axis.set_ylim(float(mean.min()) - room, float(mean.max()) + room)
+    if len(mean) == 0:
         return None
     # Mostly negative (a stress under negative shear) is better read on a linear axis; so is a
     # quantity that hardly changes.
-    if 2 * len(positive) < len(mean) or len(mean) == 0 or positive.max() / positive.min() < 5:
+    few = 2 * len(positive) < len(mean)
+    if _SIGNED.issuperset(quantities) or few or positive.max() / positive.min() < 5:
+        # A wild interval is cut: it must not flatten all curves.
+        span = float(max(np.ptp(mean), np.abs(mean).max())) or 1.0
+        least, most = float(mean.min()) - 0.5 * span, float(mean.max()) + 0.5 * span
+        bottom = max(least, min(float(low.min(initial=np.inf)), float(mean.min())))
+        top = min(most, max(float(high.max(initial=-np.inf)), float(mean.max())))
+        axis.set_ylim(bottom - 0.05 * span, top + 0.05 * span)
         return None
     least, most = float(positive.min()), float(positive.max())
     # Intervals count up to a decade beyond the means: one wild band must not flatten all curves.
@@ -327,14 +343,21 @@ def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> f
 
 
 def log_ticks(axis: "Axis", low: float, high: float) -> None:
-    """Label each decade; over less than two decades 1, 2 and 5 of each, as plain numbers."""
+    """Label each decade; over less than two 1, 2 and 5, or 1 and 3, as plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     if high / low < 100:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 20 else (1.0, 3.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     else:
         decades = math.ceil(math.log10(high / low))
-        axis.set_major_locator(LogLocator(numticks=max(4, min(decades + 2, 12))))
+        axis.set_major_locator(LogLocator(numticks=max(4, min(decades + 2, 8))))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
     # Ticks between are most of what a figure of many panels costs, and no one counts them.
     axis.set_minor_locator(NullLocator())
+
+
+def _power(value: float) -> str:
+    """Return 10⁻³ in letters: the mathematics of a label costs ten times as much to set."""
+    exponent = str(round(math.log10(value)))
+    return "10" + exponent.translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

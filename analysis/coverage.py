@@ -1,6 +1,6 @@
 """How often the intervals and p-values of `shear-sim aggregate` are right, on made-up studies.
 
-.venv/bin/python analysis/coverage.py                 (1,000 studies for each column of the tables)
+.venv/bin/python analysis/coverage.py                 (1,000 paired studies, 200 independent ones)
 .venv/bin/python analysis/coverage.py --studies 200   (noisier, in a fifth of the time)
 .venv/bin/python analysis/coverage.py --each          (every interval, not only kinds of them)
 

@@ -20,6 +20,7 @@ from shear_sim.aggregate.runs import Waves, runs_table
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
+from shear_sim.statistics import RESAMPLES
 from shear_sim.study import load_study
 from shear_sim.summary import print_summary
 
@@ -115,7 +116,7 @@ def test_mean_median_and_interval_are_of_the_runs(tables):
     assert row["storage_modulus_median"] == np.median(values)
     assert row["storage_modulus_sd"] == pytest.approx(values.std(ddof=1), rel=1e-14)
     expected = stats.bootstrap(
-        (values,), np.mean, n_resamples=4999, rng=np.random.default_rng(row["ci_seed"])
+        (values,), np.mean, n_resamples=RESAMPLES, rng=np.random.default_rng(row["ci_seed"])
     ).confidence_interval
     assert row["storage_modulus_ci_low"] == pytest.approx(expected.low, rel=1e-12)
     assert row["storage_modulus_ci_high"] == pytest.approx(expected.high, rel=1e-12)

@@ -254,6 +254,7 @@ def test_run_records_a_failure(swept, tmp_path):
         (["show", "0123"], "no such file"),
         (["show", "bad.yaml"], "cannot be read as a table"),
         (["aggregate", "."], "not a results folder"),
+        (["aggregate", ".", "--tensor", "surface"], "'periodic', 'internal', 'external'"),
         (["swep", "study.yaml"], "swep"),
     ],
 )

@@ -30,9 +30,7 @@ def test_the_truth_is_what_the_packings_were_made_of(true):
 @pytest.mark.parametrize(("n", "paired"), [(6, True), (6, False), (12, True)])
 def test_intervals_cover_as_often_as_the_readme_says(true, n, paired):
     """Binomial at 1e-6 for single intervals: one in a million seeds would fail a right one."""
-    outcomes, p_values = PROGRAM["simulate"](
-        true, n, paired=paired, studies=STUDIES, resamples=500
-    )
+    outcomes, p_values = PROGRAM["simulate"](true, n, paired=paired, studies=STUDIES, resamples=500)
     low, _ = stats.binom.ppf([1e-6, 1 - 1e-6], STUDIES, FOUND[n])
     for key in (
         ("means: G', G'' and other moduli", "storage_modulus at 0.001"),

@@ -9,6 +9,7 @@ from shear_sim.aggregate.contrasts import Comparison, compare, find_comparisons
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
 from shear_sim.aggregate.features import Curve, landmark_intervals
 from shear_sim.models.interface import Column
+from shear_sim.statistics import RESAMPLES
 
 AMPLITUDES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 
@@ -63,7 +64,7 @@ def test_landmarks_of_the_mean_curve_have_the_interval_of_a_bootstrap_of_whole_c
     ensemble = Ensemble(found.points, paired=True)
     plateau = landmark_intervals(found, ensemble, seed=4)["low_strain_plateau"]["storage_modulus"]
     values = found.points[0].values[:, 0]
-    expected = stats.bootstrap((values,), np.mean, n_resamples=4999, rng=rng(4))
+    expected = stats.bootstrap((values,), np.mean, n_resamples=RESAMPLES, rng=rng(4))
     interval = expected.confidence_interval
     assert (plateau.low, plateau.high) == pytest.approx((interval.low, interval.high), rel=1e-10)
 

@@ -70,6 +70,15 @@ def test_only_new_results_are_read_and_deleted_ones_go(results, monkeypatch):
     assert results.index().num_rows == 0
 
 
+def test_an_index_made_in_pieces_is_the_same(results, monkeypatch):
+    for job in ids(5):
+        write_job(results, job, storage=1 if job == ids(5)[0] else 2.5)
+    whole = results.index()
+    results.index_file.unlink()
+    monkeypatch.setattr(module, "_ROWS_AT_ONCE", 2)
+    assert results.index().equals(whole)
+
+
 @pytest.mark.parametrize("change", ["size", "time"])
 def test_a_replaced_result_is_read_again(results, monkeypatch, change):
     """Another size or another time of change is enough."""

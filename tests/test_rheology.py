@@ -6,7 +6,7 @@ import time as clock
 import numpy as np
 import pytest
 
-from shear_sim.rheology import moduli, steady_shear, summarise
+from shear_sim.rheology import jumps, moduli, steady_shear, summarise
 
 PERIOD, START, AMPLITUDE = 0.0125, 0.025, 0.3
 PROTOCOL = {
@@ -296,6 +296,43 @@ def test_baseline_flag_at_ten_percent_of_the_stress_amplitude(factor, flag):
 def test_surface_flag_at_thirty_percent(ratio, flag):
     summary = summarise(oscillation(external=ratio), PROTOCOL)
     assert summary["flags"]["surface_internal_differ"] is flag
+
+
+def test_drift_is_told_in_stress_amplitudes_per_period():
+    columns = oscillation()
+    columns["shear_stress"] = columns["shear_stress"] + 4000.0 * (columns["time"] - START)
+    quality = summarise(columns, PROTOCOL)["quality"]
+    assert quality["drift_ratio"] == pytest.approx(4000 * PERIOD / np.hypot(300, 60), rel=1e-9)
+    one = summarise(columns, PROTOCOL | {"periods": 1.0, "shear_end": START + PERIOD})["quality"]
+    assert one["drift_ratio"] is None  # over one period no drift is fitted
+
+
+@pytest.mark.parametrize(("height", "count"), [(0.14, 0), (0.17, 1)])
+def test_a_step_over_15_percent_of_the_range_is_a_jump(height, count):
+    """On a sine of 200 records, whose own steps are 1.6 % at most; the step is at its top."""
+    columns = oscillation()
+    wave = np.sin(phase(columns["time"]))
+    place = int(np.argmin(abs(columns["time"] - START - 1.25 * PERIOD)))
+    wave[place + 1 :] -= 2 * height  # of a range that grows by about as much as the step
+    spread = np.ptp(wave)
+    rows, largest = jumps(wave, limit=0.15 * 2 / spread)
+    assert rows.tolist() == [place] * count
+    assert largest == pytest.approx(2 * height / spread, rel=1e-2)
+    columns["shear_stress"] = np.where(columns["time"] < START, 1e9, wave)  # the rest is not seen
+    assert summarise(columns, PROTOCOL)["quality"]["largest_jump"] == pytest.approx(largest)
+
+
+def test_no_jumps_in_a_sine_of_21_records_nor_in_a_constant():
+    assert jumps(np.sin(2 * np.pi * np.arange(63) / 21))[0].tolist() == []
+    rows, largest = jumps(np.full(10, 3.0))
+    assert (rows.tolist(), largest) == ([], 0.0)
+
+
+def test_a_stress_that_was_not_recorded_has_no_jumps():
+    columns = oscillation()
+    del columns["shear_stress"]
+    quality = summarise(columns, PROTOCOL)["quality"]
+    assert (quality["jumps"], quality["largest_jump"]) == (None, None)
 
 
 def test_without_a_rest_there_is_no_baseline():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from shear_sim.statistics import holm, interval, intervals
+from shear_sim.statistics import RESAMPLES, holm, interval, intervals
 
 
 def rng(seed=1):
@@ -39,7 +39,9 @@ def test_groups_are_resampled_by_themselves():
         return np.log(mean(one)(counts[:1]) / mean(two)(counts[1:]))
 
     [found] = intervals(ratio_of_counts, [12, 15], seed=5)
-    expected = stats.bootstrap((one, two), ratio, n_resamples=4999, rng=rng(5)).confidence_interval
+    expected = stats.bootstrap(
+        (one, two), ratio, n_resamples=RESAMPLES, rng=rng(5)
+    ).confidence_interval
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high), rel=1e-9)
 
 

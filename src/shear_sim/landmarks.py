@@ -23,7 +23,7 @@ STEEPEST_FLAT = 0.05  # −d ln G'/d ln A that still counts as flat
 WINDOW = 0.25  # half-width of the fits of slopes and peaks [decades]
 
 _FLOOR = 1e-9  # of the plateau: what ln G' is cut at
-_BISECTIONS = 24  # of a segment: to 1e-7 of its length
+_BISECTIONS = 12  # of a segment between two amplitudes
 
 
 class Landmark(NamedTuple):
@@ -144,12 +144,18 @@ class _Curves:
         """Return where G' first falls to ``limit`` (K,); without a plateau of G' > 0, nowhere."""
         step = self.first(self.storage <= limit)
         (size, next_size), (angle, next_angle) = self.ends(step.segment)
-        part = np.zeros(len(limit))
-        for bisection in range(1, _BISECTIONS + 1):
-            further = part + 0.5**bisection
-            storage = np.exp(size + further * (next_size - size))
-            storage *= np.cos(angle + further * (next_angle - angle))
-            part = np.where(storage <= limit, part, further)
+
+        def storage(part: FloatArray) -> FloatArray:
+            turned: FloatArray = np.cos(angle + part * (next_angle - angle))
+            return np.exp(size + part * (next_size - size)) * turned
+
+        part, width = np.zeros(len(limit)), 1.0
+        for _ in range(_BISECTIONS):
+            width /= 2
+            part = np.where(storage(part + width) <= limit, part, part + width)
+        with np.errstate(invalid="ignore", divide="ignore"):  # the rest is straight
+            before, after = storage(part), storage(part + width)
+            part += width * np.where(before > after, (before - limit) / (before - after), 0.0)
         found = self.place(step, part)
         return _where(limit > 0, found, np.full(len(limit), np.nan))
 

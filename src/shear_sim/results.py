@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1  # of result files, plan and index; raised when an older program cannot read them
 INDEX_FORMAT = 3
+_ROWS_AT_ONCE = 2000  # of the index
 STAMPED = ("job", "bytes", "mtime_ns")  # columns by which the index knows a result file again
 
 FailureKind = Literal["physics", "crash", "error"]
@@ -213,18 +214,23 @@ class Results:
         stamped = zip(*(known.column(name).to_pylist() for name in STAMPED), strict=True)
         unchanged = [stamps.get(job) == stamp for job, *stamp in stamped]
         kept = known.filter(pa.array(unchanged, pa.bool_()))
-        rows, damaged = [], {}
-        for job in sorted(stamps.keys() - set(kept.column("job").to_pylist())):
-            try:
-                rows.append(_index_row(self.job_file(job), stamps[job]))
-            except TableError as error:
-                damaged[job] = str(error)
-        changed = bool(rows) or kept.num_rows != known.num_rows
-        if rows:
+        changed = kept.num_rows != known.num_rows
+        new, damaged = sorted(stamps.keys() - set(kept.column("job").to_pylist())), {}
+        # Rows of words and numbers take far more memory than the columns that they become.
+        for start in range(0, len(new), _ROWS_AT_ONCE):
+            rows = []
+            for job in new[start : start + _ROWS_AT_ONCE]:
+                try:
+                    rows.append(_index_row(self.job_file(job), stamps[job]))
+                except TableError as error:
+                    damaged[job] = str(error)
             names = dict.fromkeys(name for row in rows for name in row)
-            new = pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
-            kept = pa.concat_tables([kept, new], promote_options="permissive").sort_by("job")
+            found = pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
+            if rows:
+                kept = pa.concat_tables([kept, found], promote_options="permissive")
+                changed = True
         if changed:
+            kept = kept.sort_by("job")
             # Somebody else's results may be read-only: then it is read again at the next call.
             with contextlib.suppress(OSError):
                 write_arrow(self.index_file, kept, {"format": INDEX_FORMAT})

@@ -34,15 +34,16 @@ LABELS = (
 
 #: What a table with several tensors appends to the names of its moduli.
 TENSORS = {"periodic": "", "internal": "_internal", "external": "_external"}
+_MODULI = (
+    Column("storage_modulus", "Pa", "G'"),
+    Column("loss_modulus", "Pa", "G''"),
+    Column("complex_modulus", "Pa", "|G*| = sqrt(G'^2 + G''^2)"),
+    Column("tan_delta", "1", "G''/G'"),
+)
 MODULI = tuple(
     Column(f"{name}{suffix}", unit, f"{text} of the {tensor} tensor")
     for tensor, suffix in TENSORS.items()
-    for name, unit, text in (
-        ("storage_modulus", "Pa", "G'"),
-        ("loss_modulus", "Pa", "G''"),
-        ("complex_modulus", "Pa", "|G*| = sqrt(G'^2 + G''^2)"),
-        ("tan_delta", "1", "G''/G'"),
-    )
+    for name, unit, text in _MODULI
 )
 #: Of each run and of the mean response of each point; see `shear_sim.large_amplitude`.
 LARGE_AMPLITUDE = (
@@ -54,7 +55,7 @@ LARGE_AMPLITUDE = (
     Column("large_rate_viscosity", "Pa s", "eta'_L, secant at the largest rate"),
     Column("stiffening_ratio", "1", "S = (G'_L - G'_M)/G'_L; > 0: stiffens with strain"),
     Column("thickening_ratio", "1", "T = (eta'_L - eta'_M)/eta'_L; > 0: thickens with rate"),
-    Column("dissipated_energy", "J/m^3", "lost per cycle and area: pi A^2 G''"),
+    Column("dissipated_energy", "J/m^3", "lost per cycle and volume: pi A^2 G''"),
     Column("plastic_ratio", "1", "dissipated energy / that of a perfect plastic of this peak"),
 )
 #: Each with its key in the index of the results.
@@ -148,9 +149,9 @@ COUNTS = (
 )
 #: Suffixes of a quantity in ``curves`` and ``steady``: (suffix, has the quantity's unit, meaning).
 STATISTICS = (
-    ("mean", True, "of the mean response"),
-    ("median", True, "median of the runs' own"),
-    ("sd", True, "standard deviation of the runs' own"),
+    ("mean", True, "of the mean response: "),
+    ("median", True, "median of the runs' own: "),
+    ("sd", True, "standard deviation of the runs' own: "),
     ("ci_low", True, "lower bound of the interval of ..._mean"),
     ("ci_high", True, "upper bound of the interval of ..._mean"),
     ("ci_method", False, "BCa, percentile, t, t_log, equal or none"),
@@ -164,14 +165,14 @@ def statistics_of(quantity: Column) -> list[Column]:
         Column(
             f"{quantity.name}_{suffix}",
             quantity.unit if has_unit else "",
-            f"{text} {quantity.description}" if suffix in {"mean", "median", "sd"} else text,
+            f"{text}{quantity.description}" if text.endswith(": ") else text,
         )
         for suffix, has_unit, text in STATISTICS
     ]
 
 
 #: Quantities of ``curves``.
-CURVE_QUANTITIES = (*MODULI[:4], OSCILLATORY[2][0], *LARGE_AMPLITUDE)
+CURVE_QUANTITIES = (*_MODULI, OSCILLATORY[2][0], *LARGE_AMPLITUDE)
 INTERVALS = (
     Column("ci_level", "1", "confidence level of the intervals"),
     Column("ci_resamples", "1", "resamples of their bootstrap"),

@@ -51,9 +51,9 @@ def curves_table(
     rows = waves.rows(runs["job"])
     values = contributions(waves.storage_n[rows], waves.loss_n[rows], waves.peak_stress[rows])
     facts = waves.strain_amplitude[rows], waves.angular_frequency[rows]
-    moduli = [column.name for column in tables.MODULI[:4]]
+    moduli = {column.name for column in tables.MODULI}
     own = [
-        f"{column.name}{tables.TENSORS[tensor]}" if column.name in moduli else column.name
+        name if (name := f"{column.name}{tables.TENSORS[tensor]}") in moduli else column.name
         for column in tables.CURVE_QUANTITIES
     ]
     return _points_table(

@@ -348,11 +348,8 @@ def draw(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
             for axes in (panels[0, 0], panels[1, 0], panels[2, 0])
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        figure.legend(
-            list(handles.values()), list(handles), loc="outside upper center", ncols=3,
-            frameon=False,
-        )  # fmt: skip
-        figure.savefig(path, dpi=150, metadata={"Software": None})
+        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=3)
+    style.save(figure, path.with_suffix(""))
 
 
 def _mark_waves(panels: Sequence[Axes], sizes: pd.DataFrame) -> None:
@@ -375,13 +372,12 @@ def _curves(table: pd.DataFrame, name: str, axes: Axes, scale: float) -> None:
     """Draw G′ and G″ with bands of their intervals, a colour for each amplitude."""
     x = N if N in table else F
     for amplitude, colour in zip(AMPLITUDES, style.UNORDERED, strict=False):
-        for quantity, line in (("storage_modulus", "-o"), ("loss_modulus", "--s")):
+        for quantity, marker in (("storage_modulus", "o"), ("loss_modulus", "s")):
             rows = table[(table[AMPLITUDE] == amplitude) & (table["quantity"] == quantity)]
             low, high = (scale * rows[f"{name}_ci_{end}"] for end in ("low", "high"))
             axes.plot(
-                rows[x], scale * rows[name], line, color=colour,
-                markerfacecolor=colour if quantity == "storage_modulus" else "white",
-                label=f"{SYMBOLS[quantity]}, A = {amplitude:g}",
+                rows[x], scale * rows[name], label=f"{SYMBOLS[quantity]}, A = {amplitude:g}",
+                **style.marker_style(quantity, colour, marker),
             )  # fmt: skip
             axes.fill_between(rows[x], low, high, color=colour, alpha=0.2, lw=0)
 

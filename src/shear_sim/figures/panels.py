@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
 _MOST_ACROSS = 5  # panels side by side
 _WIDE = 3  # more panels than this side by side are narrower than a label
+_HIGH = 1.7  # inches: rows less high are shorter than a label
 _SCENES = ("-", "--", ":", "-.")
 FOOT_MARK = r"$\downarrow$"
 
@@ -68,9 +69,9 @@ def grid(
     across = math.ceil(len(panels) / blocks)
     rows = blocks * len(quantities)
     width = style.WIDTHS.get(across, style.DOUBLE)
-    height = min(1.95 * rows, max(style.PAGE - 1.0, 1.3 * rows)) + 0.9
+    high = min(1.95, max((style.PAGE - 1.0) / rows, 1.3))
     hidden = 0
-    with style.figure(width, height) as figure:
+    with style.figure(width, high * rows + 0.9) as figure:
         axes = figure.subplots(rows, across, squeeze=False)
         firsts = axes[: len(quantities), 0]
         own = [
@@ -92,7 +93,8 @@ def grid(
             for quantity, axis, foot in zip(quantities, column, feet, strict=True):
                 axis.tick_params(labelleft=place % across == 0, labelbottom=axis is column[-1])
                 if place % across == 0:
-                    axis.set_ylabel(style.label(points, quantity))
+                    text = style.label(points, quantity)
+                    axis.set_ylabel(text.replace(" $", "\n$") if high < _HIGH else text)
                 hidden += _lines(axis, panel, quantity, look, places, foot)
                 if decorate is not None:
                     decorate(axis, panel, quantity, places)

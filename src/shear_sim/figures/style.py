@@ -113,11 +113,11 @@ def small_multiples(
 ) -> "Iterator[tuple[Figure, list[Axes]]]":
     """Give a figure with ``count`` panels that share both axes, ``across`` side by side.
 
-    Rows are ``height`` [inch] high, or as high as fits a page. Axes are labelled where no panel
-    follows below or on the left.
+    Rows are ``height`` [inch] high, or as high as fits a page, but no less than an inch. Axes are
+    labelled where no panel follows below or on the left.
     """
     rows = math.ceil(count / across)
-    height = min(height, (PAGE - 1.1) / rows)
+    height = min(height, max((PAGE - 1.1) / rows, 1.0))  # longer than a page rather than flat
     with figure(WIDTHS.get(across, DOUBLE), rows * height + 1.1) as drawn:
         axes = drawn.subplots(rows, across, squeeze=False, sharex=True, sharey=True).flatten()
         for spare in axes[count:]:

@@ -404,7 +404,7 @@ class MicrogelSimulation:
         """Self-checks of the records: largest relative errors of what must hold exactly."""
         column = self.columns()
 
-        # Of all contacts: where every one crosses an edge, the internal tensor is 0 but for rounding.
+        # Of all contacts: where all cross an edge, the internal tensor is 0 but for rounding.
         tensor = [np.abs(column[f"periodic_love_weber_{ab}"]) for ab in ("xx", "xy", "yx", "yy")]
         scale = np.max(np.sum(tensor, axis=0))
 

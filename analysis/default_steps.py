@@ -6,7 +6,7 @@ Points spread evenly (a scrambled Sobol sequence) over strain amplitude 0.001 to
 0.001 to 1, packing fraction 1 to 2, relative viscosity 0.01 to 1 and three ways of linking, each
 with a packing of its own. (Young's modulus is no part of it: it scales every stress, to the bit.)
 
-Jobs that converge with the step are run with 20 to 200 steps per period and both integrators: the
+Jobs that converge with the step are run with 20 to 800 steps per period and both integrators: the
 cheapest steps that keep the target in 95 % of them may be the default. The others are judged by the
 mean paired difference between the default and four times finer steps, over --pairs packings in each
 of three classes: loose discs at amplitudes of 0.2 and more, linked ones from 1 on (32 points of
@@ -40,7 +40,7 @@ CHAOTIC = {  # ways of linking and amplitudes at which single runs are not expec
     "linked, amplitude 1 to 2": (("cells", "bulk"), (1.0, 2.0)),
 }
 CLASS_POINTS = 32
-LADDER = tuple(Fraction(n, 100) for n in (20, 25, 50, 100, 200))
+LADDER = tuple(Fraction(n, 100) for n in (20, 25, 50, 100, 200, 400, 800))
 VARIED = (
     "shear.strain_amplitude", "model.links.cut", "model.friction", "packing.packing_fraction",
     "model.relative_viscosity",

@@ -2,18 +2,19 @@
 
 .venv/bin/python analysis/hard_cases.py [NAME ...]
 
-Prints one row of a markdown table for each case, or for those named; analysis/hard_cases.md holds
-the table. What must hold in each: the run is refused or stopped with a reason, or
+Prints one row of a markdown table for each case, or for those named; analysis/hard_cases.md is what
+it printed. CPU s is the time of the whole run, without its preparation, on one core. What must hold
+in each: the run is refused or stopped with a reason, or
 
 - every record is finite;
 - the energy put in is stored or lost, to 1 % of what was put in, lost or exchanged with motion,
   whichever is most. There are two exceptions. Where free discs collide, all energy passes through
-  single contacts and short chains, and velocity Verlet keeps the energy of a vibration to
-  (h ω)²/4: here with ω² = 3 k/m, three of the lightest discs in a row, and h the substep at first
-  touch. And where two discs are shot at each other, the force grows as 1/d: the trapezoidal rule
-  over a fifth of d errs by 0.85 % of the work on the way in and, at most, as much on the way out;
-  through the centre one substep (they are never shorter than a step / 4096) sees the force of the
-  clamp from the wrong side, another 0.55 %;
+  single contacts and chains of them, and velocity Verlet keeps the energy of a vibration to
+  (h ω)²/4: here with ω² = 4 k/m, the fastest of a chain of the lightest discs, and h the substep
+  at first touch. And where two discs are shot at each other, the force grows as 1/d: the
+  trapezoidal rule over a fifth of d errs by 0.85 % of the work on the way in and, at most, as much
+  on the way out; through the centre one substep (they are never shorter than a step / 4096) sees
+  the force of the clamp from the wrong side, another 0.55 %;
 - both stress tensors are symmetric to 1e-13 of Σ|σ_ab| of the periodic one (at most 2 Σ|F||l|/V);
 - momentum is conserved to 1e-12 (the sum of 1e5 rounded impulses);
 - nobody passes through anybody, looked at four times in every whole step (in a run of its own, with
@@ -318,12 +319,12 @@ class Passing:
 
 
 def collision_error(simulation: MicrogelSimulation) -> float:
-    """Return (h ω)²/4 of three of the lightest discs in a row that begin to touch."""
+    """Return (h ω)²/4 of a chain of the lightest discs that begin to touch."""
     c, work = simulation.constants, make_work(0)
     size = 2 * float(simulation.discs.radius.mean())
     h = min(simulation.clock.step, simulation.kernels.substep(c, work, size, 0.0))
     h = simulation.clock.step / 2 ** math.ceil(math.log2(simulation.clock.step / h))
-    return float(h**2 * 3 * c.k / simulation.discs.mass.min() / 4)
+    return float(h**2 * c.k / simulation.discs.mass.min())
 
 
 def begin(case: Case, *, energy: bool, factor: int = 1) -> MicrogelSimulation:
@@ -451,7 +452,8 @@ def main(names: list[str]) -> None:
         print(
             f"| {name} | {found.energy:.1e} | {energy_limit(case, found):.2g} | {residual:.1e} "
             f"| {found.asymmetry:.1e} | {found.momentum:.1e} | {found.passing} "
-            f"| {found.closest:.3f} | {found.substeps:.3g} | {found.seconds:.2g} | {verdict} |",
+            f"| {f'{found.closest:.3f}' if found.closest < 1 else 'apart'} "
+            f"| {found.substeps:.3g} | {found.seconds:.2g} | {verdict} |",
             flush=True,
         )
 

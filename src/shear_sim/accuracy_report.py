@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shear_sim import accuracy
 from shear_sim.accuracy import Measured, Say
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from shear_sim.results import Results
     from shear_sim.study import Job, Study
 
+FloatArray = NDArray[np.float64]
+
+LABELS_APART = np.array([0.1, 0.5])  # decades of cost and error that a label needs
 TARGET = 0.005  # relative error of |G*| and G'' that the default steps are meant to keep
 
 _ERRORS = {
@@ -198,8 +202,8 @@ def _summary(measured: Sequence[Measured], runs: "pd.DataFrame") -> list[str]:
 def draw(runs: "pd.DataFrame") -> "Figure":
     """Draw errors against CPU time: a line per integrator, the Pareto front, the own steps.
 
-    Lines are medians over the jobs that converge with the step (over all, where none does), bands
-    hold nine tenths of them. Errors of 0 are not drawn.
+    Lines are medians over the jobs that converge with the step (over all, where none does), with
+    the 95 % quantile dashed above. Errors of 0 are not drawn.
 
     Parameters
     ----------
@@ -229,7 +233,7 @@ def _title(made: "pd.DataFrame", used: "pd.DataFrame", *, none_converges: bool) 
     if none_converges:
         return f"{jobs} job(s), none of which converges with the step: errors of single runs"
     left = f"; {all_jobs - jobs} more do not" if all_jobs > jobs else ""
-    median = "median and nine tenths of " if jobs > 1 else ""
+    median = "median and (dashed) 95 % quantile of " if jobs > 1 else ""
     return f"{median}{jobs} job(s) that converge with the step{left}; numbers: steps per period"
 
 
@@ -245,10 +249,17 @@ def _panel(axis: "Axes", used: "pd.DataFrame", key: str) -> None:
         x, y = rungs["cpu_per_period"].median(), rungs[key].median()
         name = str(scheme).replace("_", " ")
         axis.loglog(x, y, "o-", color=colour, label=name, zorder=3)
-        low, high = rungs[key].quantile(0.05), rungs[key].quantile(0.95)
-        axis.fill_between(x, low, high, color=colour, alpha=0.12, linewidth=0)
+        if used["job"].nunique() > 1:
+            high = rungs[key].quantile(0.95)
+            axis.loglog(x, high, "--", color=colour, linewidth=0.8)
+            axis.fill_between(x, y, high, color=colour, alpha=0.1, linewidth=0)
         steps = rungs["steps_per_period"]
-        for factor in x.index:
+        labelled: list[FloatArray] = []
+        for factor in sorted(x.index, key=lambda factor: abs(np.log2(factor))):
+            place = np.log10([x[factor], y[factor]]) / LABELS_APART
+            if any(np.hypot(*(place - other)) < 1 for other in labelled):
+                continue
+            labelled.append(place)
             few, many = steps.min()[factor], steps.max()[factor]
             text = f"{few}" if few == many else f"×{factor:g}"
             axis.annotate(

@@ -1,0 +1,299 @@
+"""Hard discs that flow from event to event: positions, contacts and the cell, advanced along a path.
+
+The path is the strain (its length, whichever way it goes) or, without shear, the compression or the
+time. One call of `look_ahead` gives the motion up to the next event; the discs move there, the
+event changes the contacts, and the gaps of the contacts are set to zero again.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.cell import Floats, Ints, wrap_count
+from shear_sim.models.hard_disc.active_set import ActiveSet, Drive, Instant, velocities
+from shear_sim.models.hard_disc.factor import solve
+from shear_sim.models.hard_disc.pairs import Pairs, elimination_order, separations
+from shear_sim.models.hard_disc.series import (
+    ACCURACY,
+    COLLISION,
+    OPENING,
+    look_ahead,
+    travel,
+)
+from shear_sim.neighbours import find_pairs
+
+SKIN = 0.3  # of the mean radius: candidates reach this much beyond contact
+TOUCH = 1e-13  # of the mean diameter: pairs with smaller gaps touch, and collide at minus this
+CLOSED = 2e-14  # largest gap of a contact [mean diameter] that needs no correction
+LONGEST_STEP = 0.05  # of path, whatever the accuracy
+STALLED = 1e-14  # steps shorter than this make no progress ...
+MOST_STALLED = 2000  # ... and so many of them in a row are arrest
+
+
+class Arrested(Exception):  # noqa: N818 - a verdict on a state, caught by who asks for it
+    """The events leave no room for motion, but nothing is proved jammed."""
+
+
+class Dense(NamedTuple):
+    """The motion from the start of a step, as series in the path (see `series.expand`)."""
+
+    x: Floats
+    y: Floats
+    offset: float
+    pairs: Pairs  # in contact
+    phi: Floats
+    u: Floats
+    kappa: Floats
+    area: Floats
+
+
+@dataclass
+class Counts:
+    """What happened so far."""
+
+    steps: int = 0
+    collisions: int = 0
+    openings: int = 0
+    rebuilds: int = 0
+    orders: int = 0
+    largest_overlap: float = 0.0  # after any step [mean diameter]
+    largest_drift: float = 0.0  # gap of a contact before its correction [mean diameter]
+    error: float = 0.0  # sum of the last terms of the positions [length]
+
+
+@dataclass
+class Flow:
+    """State of N hard discs in a sheared periodic cell.
+
+    Attributes
+    ----------
+    x, y, radius, mobility : (N,)
+        Positions, radii a, mobilities ξ.
+    width, height, offset : float
+        Cell edges, and displacement of the upper image in x.
+    drive : Drive
+        Change it with `turn`.
+    path : float
+        Length of path so far.
+    squeezed : float
+        ∫κ over the path.
+    """
+
+    x: Floats
+    y: Floats
+    radius: Floats
+    mobility: Floats
+    width: float
+    height: float
+    drive: Drive
+    offset: float = 0.0
+    accuracy: float = ACCURACY
+    longest_step: float = LONGEST_STEP
+    path: float = 0.0
+    squeezed: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+
+    def __post_init__(self) -> None:
+        self.unit = 2.0 * float(self.radius.mean())
+        self.touch = TOUCH * self.unit
+        self.skin = SKIN * 0.5 * self.unit
+        self.set = ActiveSet(0)
+        self._stalled = 0
+        self._find_candidates()
+        self.set.start(self.instant(), self.touch)
+
+    @property
+    def area(self) -> float:
+        """Ω of the cell."""
+        return self.width * self.height
+
+    @property
+    def packing_fraction(self) -> float:
+        """φ."""
+        return math.pi * float((self.radius**2).sum()) / self.area
+
+    def instant(self) -> Instant:
+        """Return what the forces depend on now."""
+        p = self.pairs
+        return Instant(
+            p.i, p.j, self.rx, self.ry, self.gap, self.permanent, self.mobility, self.area,
+            self.drive,
+        )  # fmt: skip
+
+    def turn(self, drive: Drive) -> None:
+        """Change the drive at once: all forces are new.
+
+        Raises
+        ------
+        Jammed
+            If no forces stop the discs.
+        """
+        self.drive = drive
+        self.set.start(self.instant(), self.touch)
+
+    def advance(self, end: float, look: Callable[[Dense, float, float], None] | None = None) -> None:
+        """Go on to ``path`` = ``end``.
+
+        Parameters
+        ----------
+        end : float
+            Where to stop; never changes a step, but the last is done in part.
+        look : callable, optional
+            Called after every step with the motion, the path of its start and its length.
+
+        Raises
+        ------
+        Jammed
+            Where no forces stop the discs; everything is as it was then.
+        Arrested
+            Where events leave no room for motion.
+        """
+        while self.path < end:
+            self.step(end, look)
+
+    def step(self, end: float, look: Callable[[Dense, float, float], None] | None = None) -> None:
+        """Go on to the next event, or as far as the series is accurate, but not beyond ``end``."""
+        now = self.set
+        cap = min(self.longest_step, end - self.path)
+        while True:
+            order, step, kind, which, reach, error, phi, u, kappa, area = look_ahead(
+                self.drive.shear, self.drive.pressure, now.kappa, cap, self.accuracy, now.factor,
+                now.pairs, self.permanent, self.mobility, self.drive.drift, self.pairs,
+                now.open_pairs, self.rx, self.ry, self.gap, self.area, self.touch,
+            )  # fmt: skip
+            strained = self._strained + abs(self.drive.shear) * step
+            if self._spent + reach + strained * self._range <= self.skin:
+                break
+            if self._strained or self._spent:
+                self._find_candidates()
+            else:
+                cap = 0.5 * step
+        if look is not None:
+            contacts = Pairs(*(a[now.pairs] for a in self.pairs))
+            motion = Dense(
+                self.x.copy(), self.y.copy(), self.offset, contacts, phi, u, kappa, area
+            )  # fmt: skip
+            look(motion, self.path, step)
+        self._move(step, u, kappa, area)
+        self._strained = strained
+        now.phi = evaluate(phi, step)
+        self._count(step, order, kind, error)
+        if kind == OPENING:
+            now.drop(which)
+        now.settle(self.instant(), self.touch)
+        self._close_gaps()
+
+    def _move(self, step: float, u: Floats, kappa: Floats, area: Floats) -> None:
+        """Move discs and cell along the series."""
+        squeeze, moved = travel(self.x, self.y, self.moved, u, kappa, self.drive.shear, step)
+        self.squeezed += squeeze
+        self.path += step
+        self._spent = 2.0 * math.sqrt(2.0) * moved
+        self.offset += self.drive.shear * step * self.height
+        if squeeze:
+            self._spent += abs(squeeze) * self._range
+            self._scale(math.sqrt(float(evaluate(area, step)) / self.area))
+        self._separate()
+
+    def _scale(self, factor: float) -> None:
+        self.width *= factor
+        self.height *= factor
+        self.offset *= factor
+
+    def _count(self, step: float, order: int, kind: int, error: float) -> None:
+        """Keep the books, and give up where nothing moves any more."""
+        counts = self.counts
+        counts.steps += 1
+        counts.orders += order
+        counts.collisions += kind == COLLISION
+        counts.openings += kind == OPENING
+        counts.error += error
+        gaps = self.gap[self.set.pairs]
+        counts.largest_drift = max(counts.largest_drift, float(np.abs(gaps).max(initial=0.0)) / self.unit)
+        overlap = -float(self.gap.min(initial=np.inf)) / self.unit
+        counts.largest_overlap = max(counts.largest_overlap, overlap)
+        self._stalled = self._stalled + 1 if step < STALLED else 0
+        if self._stalled > MOST_STALLED:
+            msg = f"{MOST_STALLED} events in a row without motion at path {self.path:.12g}"
+            raise Arrested(msg)
+
+    def _close_gaps(self) -> None:
+        """Move discs so that every contact has gap 0 again (Newton on the gaps; paper, eq. 28)."""
+        now = self.set
+        for _ in range(3):
+            gap = self.gap[now.pairs]
+            if float(np.abs(gap).max(initial=0.0)) <= CLOSED * self.unit:
+                return
+            i, j = self.pairs.i[now.pairs], self.pairs.j[now.pairs]
+            rx, ry = self.rx[now.pairs], self.ry[now.pairs]
+            push = -gap * np.hypot(rx, ry)
+            squeeze = solve(now.factor, push, 0.0)
+            nothing = np.zeros_like(self.drive.drift)
+            move = velocities(i, j, rx, ry, push, self.mobility, nothing)
+            self.x += move[0] - squeeze * self.x
+            self.y += move[1] - squeeze * self.y
+            if squeeze:
+                self.squeezed += squeeze
+                self._scale(1.0 - squeeze)
+            self._separate()
+
+    def _separate(self) -> None:
+        """Bring separations and gaps of the candidates up to date."""
+        separations(
+            self.x, self.y, self.width, self.height, self.offset, *self.pairs,
+            self.rx, self.ry, self.gap,
+        )  # fmt: skip
+
+    def _find_candidates(self) -> None:
+        """Bring discs back into the cell, and find who is near whom."""
+        turns = round(self.offset / self.width)
+        self.offset -= turns * self.width
+        wx, wy = np.empty((2, len(self.x)), np.int32)
+        wrap_count(self.x, self.y, self.width, self.height, self.offset, wx, wy)
+        self.x -= wx * self.width + wy * self.offset
+        self.y -= wy * self.height
+        found = find_pairs(
+            self.x, self.y, self.radius, self.skin, self.width, self.height, self.offset
+        )[1:]
+        order = elimination_order(self.x, self.y, found[0], found[1])
+        i, j, nx, ny = (a[order] for a in found)
+        contacts = self.set.pairs
+        if len(contacts):
+            old = self.pairs
+            a, b = old.i[contacts], old.j[contacts]
+            up = old.ny[contacts]
+            across = old.nx[contacts] + turns * up + wx[b] - wx[a]
+            up = up + wy[b] - wy[a]
+            keys = _key(i, j, nx, ny, len(self.x))
+            place = np.argsort(keys)
+            contacts = place[np.searchsorted(keys[place], _key(a, b, across, up, len(self.x)))]
+        self.pairs = Pairs(i, j, nx, ny, self.radius[i] + self.radius[j])
+        self.permanent = np.zeros(len(i), np.int32)
+        self.rx, self.ry, self.gap = np.empty((3, len(i)))
+        self.moved = np.zeros((2, len(self.x)))
+        self._spent = self._strained = 0.0
+        self._range = 2.0 * float(self.radius.max()) + self.skin
+        self.counts.rebuilds += 1
+        self._separate()
+        if len(contacts):
+            self.set.renumber(contacts.astype(np.int32), len(i))
+            self.set.settle(self.instant(), self.touch)
+        else:
+            self.set.renumber(np.zeros(0, np.int32), len(i))
+
+
+def evaluate(series: Floats, t: float) -> Floats:
+    """Return Σ c_k t^k of a series (K + 1, ...)."""
+    total = series[-1]
+    for coefficient in series[-2::-1]:
+        total = total * t + coefficient
+    return total
+
+
+def _key(i: Ints, j: Ints, nx: Ints, ny: Ints, n: int) -> NDArray[np.int64]:
+    """Return one number for each image of each pair."""
+    return ((i.astype(np.int64) * n + j) * 64 + (nx + 32)) * 64 + (ny + 32)

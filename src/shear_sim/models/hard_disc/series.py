@@ -82,28 +82,43 @@ def expand(
                         speed -= kappa[m] * r[k - m, s, c]
             r[k + 1, s, c] = speed
             b[c] -= 0.5 * (k + 1) * turning + r[0, s, c] * speed
-    found = solve(factor, b, 2.0 * pressure * area[k]) if n > 0 else 0.0
-    if free:
-        kappa[k] = found
-    elif k > 0:
-        kappa[k] = 0.0
-    for c in range(n):
-        phi[k, c] = b[c]
-    for s in range(2):
+    load = 2.0 * pressure * area[k]
+    kappa[k] = 0.0 if free or k > 0 else kappa[k]
+    phi[k] = 0.0
+    # The second round solves for what round-off left of the first, where N is nearly singular.
+    for again in range(2):
+        if n > 0:
+            found = solve(factor, b, load)
+            if free:
+                kappa[k] += found
         for c in range(n):
-            push = r[0, s, c] * b[c]
-            u[k, s, i[c]] -= mobility[i[c]] * push
-            u[k, s, j[c]] += mobility[j[c]] * push
-    for s in range(2):
+            phi[k, c] += b[c]
+            for s in range(2):
+                push = r[0, s, c] * b[c]
+                u[k, s, i[c]] -= mobility[i[c]] * push
+                u[k, s, j[c]] += mobility[j[c]] * push
+        worst = 0.0
+        largest = 0.0
+        load = 2.0 * pressure * area[k]
         for c in range(n):
-            # The pushes of this order, which came after the speed above was taken, are added here.
-            speed = u[k, s, j[c]] - u[k, s, i[c]]
-            if s == 0:
-                speed += shear * r[k, 1, c]
-            for m in range(k + 1):
-                if kappa[m] != 0.0:
-                    speed -= kappa[m] * r[k - m, s, c]
-            r[k + 1, s, c] = speed / (k + 1)
+            b[c] = 0.0
+            for s in range(2):
+                turning = 0.0
+                for m in range(1, k + 1):
+                    turning += r[m, s, c] * r[k + 1 - m, s, c]
+                speed = u[k, s, j[c]] - u[k, s, i[c]]
+                if s == 0:
+                    speed += shear * r[k, 1, c]
+                for m in range(k + 1):
+                    if kappa[m] != 0.0:
+                        speed -= kappa[m] * r[k - m, s, c]
+                r[k + 1, s, c] = speed / (k + 1)
+                b[c] -= 0.5 * (k + 1) * turning + r[0, s, c] * speed
+                load -= phi[k, c] * r[0, s, c] ** 2
+                largest = max(largest, abs(speed))
+            worst = max(worst, abs(b[c]))
+        if worst <= 1e-14 * largest:
+            break
     change = 0.0
     for m in range(k + 1):
         change -= 2.0 * kappa[m] * area[k - m]

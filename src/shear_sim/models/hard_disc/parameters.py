@@ -1,0 +1,138 @@
+"""The sections of a study of hard discs: every physical parameter, its unit and its limits."""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from shear_sim.models.interface import Point
+from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
+
+CLOSEST = math.pi / math.sqrt(12)  # packing fraction of the densest packing of equal discs
+
+
+class HardDiscPacking(Section):
+    """Which discs there are: large and small ones, half of each, at random without overlap."""
+
+    discs: Annotated[int, Field(ge=2, le=100_000, description="N; ⌈N/2⌉ are large")] = 64
+    packing_fraction: Annotated[
+        float,
+        Field(
+            gt=0, le=0.907, description="φ = Σ π a_i² / cell area [-] at the start, not in percent"
+        ),
+        PERCENT,
+    ] = 0.8
+    size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
+    polydispersity: Annotated[
+        float,
+        Field(ge=0, le=0.5, description="radii are uniform within this fraction of their mean"),
+        PERCENT,
+    ] = 0.03
+    attempts: Annotated[
+        int, Field(ge=1, description="random positions to try for a start without overlap")
+    ] = 20
+
+    @model_validator(mode="after")
+    def _not_touch_twice(self) -> Self:
+        large = math.ceil(self.discs / 2)
+        ratio = self.size_ratio
+        area = math.pi * (large * ratio**2 + self.discs - large) / self.packing_fraction
+        most = ratio * (1 + self.polydispersity)
+        if math.sqrt(area) < 4 * most:
+            fewest = math.ceil(self.discs * 16 * most**2 / area)
+            message = (
+                f"the side of the cell ({math.sqrt(area):.3g} small radii) is under four large "
+                f"radii ({4 * most:.3g}), so two discs could touch twice: packing.discs at least "
+                f"{fewest}, or a lower packing_fraction"
+            )
+            raise Impossible([(("discs", "packing_fraction", "size_ratio"), message)])
+        return self
+
+
+class HardDisc(Section):
+    """Frictionless rigid discs with drag against the affine flow (Lerner, Düring & Wyart)."""
+
+    kind: Literal["hard_disc"]
+    mobility: Annotated[
+        float, Field(gt=0, description="ξ₀, velocity per force on a disc [1/(Pa s)]")
+    ] = 1.0
+
+
+class HardDiscSteadyShear(Section):
+    """Steady shear at fixed volume or at fixed pressure."""
+
+    kind: Literal["steady"]
+    strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")] = 1.0
+    strain_rate: Annotated[
+        Positive, Field(description="γ̇ [1/s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    scaled_pressure: Annotated[
+        float | None,
+        Field(gt=0, description="p ξ₀/γ̇ [-], which the area of the cell keeps; none: fixed area"),
+    ] = None
+    transient: Annotated[
+        Fraction, Field(description="part of the strain before means are taken")
+    ] = 0.3
+
+
+class HardDiscOscillatoryShear(Section):
+    """Oscillatory shear γ(t) = A sin(2π t / T) at fixed volume."""
+
+    kind: Literal["oscillatory"] = "oscillatory"
+    strain_amplitude: Annotated[
+        float, Field(gt=0, le=5, description="A [-], not in percent"), PERCENT
+    ] = 0.2
+    period: Annotated[
+        Positive, Field(description="T [s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
+
+
+class HardDiscRecord(Section):
+    """How often a record is made. Records never change the motion."""
+
+    rows: Annotated[
+        int | None,
+        Field(
+            ge=20,
+            description="records after the first, evenly in time; default: 1,000 per unit strain, "
+            "400 per period",
+        ),
+    ] = None
+
+
+class HardDiscPoint(Point):
+    """One simulation of hard discs."""
+
+    packing: HardDiscPacking = HardDiscPacking()
+    model: HardDisc
+    shear: Annotated[
+        HardDiscSteadyShear | HardDiscOscillatoryShear, Field(discriminator="kind")
+    ] = HardDiscSteadyShear(kind="steady")
+    record: HardDiscRecord = HardDiscRecord()
+
+    @property
+    def kind(self) -> str:
+        """Name of the model."""
+        return self.model.kind
+
+    def resolved(self) -> Self:
+        """Return the point with its number of records filled in."""
+        shear = self.shear
+        if isinstance(shear, HardDiscSteadyShear):
+            default = max(20, math.ceil(1000 * shear.strain))
+        else:
+            default = 400 * shear.periods
+        rows = self.record.rows or default
+        return self.model_copy(update={"record": HardDiscRecord(rows=rows)})
+
+    @model_validator(mode="after")
+    def _resolve_every_period(self) -> Self:
+        shear, rows = self.shear, self.record.rows
+        if isinstance(shear, HardDiscOscillatoryShear) and rows and rows < 20 * shear.periods:
+            message = (
+                f"{rows} records of {shear.periods} periods: G′ and G″ are read with nine "
+                f"harmonics and need 20 a period: at least {20 * shear.periods}"
+            )
+            raise Impossible([(("record.rows", "shear.periods", "shear.kind"), message)])
+        return self

@@ -1,0 +1,282 @@
+"""A simulation of hard discs: prepared once, then asked for its records."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.models.hard_disc.active_set import Drive, Jammed, velocities
+from shear_sim.models.hard_disc.certificate import certify
+from shear_sim.models.hard_disc.columns import COLUMNS
+from shear_sim.models.hard_disc.flow import Arrested, Dense, Flow, evaluate
+from shear_sim.models.hard_disc.pairs import separations
+from shear_sim.models.hard_disc.parameters import (
+    HardDisc,
+    HardDiscOscillatoryShear,
+    HardDiscPacking,
+    HardDiscPoint,
+    HardDiscRecord,
+    HardDiscSteadyShear,
+)
+from shear_sim.models.hard_disc.series import travel
+from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
+from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
+
+FIRST_COMPRESSION = 10.0  # κ at fixed pressure until the first contact
+MOST_START_STEPS = 200_000  # of one attempt at a start without overlap
+
+
+class Packed:
+    """Discs without overlap in a square cell, lengths in mean diameters of small discs."""
+
+    def __init__(self, packing: HardDiscPacking, streams: Streams) -> None:
+        n = packing.discs
+        mean = np.where(np.arange(n) < math.ceil(n / 2), 0.5 * packing.size_ratio, 0.5)
+        spread = packing.polydispersity * streams.generator("radii").uniform(-1, 1, n)
+        self.radius: FloatArray = mean * (1 + spread)
+        self.side = math.sqrt(
+            math.pi * float((self.radius**2).sum()) / packing.packing_fraction
+        )
+        positions = streams.generator("positions")
+        for attempt in range(packing.attempts):
+            x, y = positions.random((2, n)) * self.side
+            steps, overlap = push_apart(
+                x, y, self.radius, self.side, self.side, MOST_START_STEPS
+            )
+            if overlap < 0.4 * INFLATION:
+                self.x, self.y = x, y
+                self.attempts, self.steps = attempt + 1, steps
+                return
+        msg = (
+            f"no overlap-free start after {packing.attempts} attempts at packing_fraction = "
+            f"{packing.packing_fraction:g} with {n} discs: lower it, or raise packing.attempts"
+        )
+        raise SimulationError(msg)
+
+
+class HardDiscSimulation:
+    """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
+
+    def __init__(self, point: HardDiscPoint, streams: Streams) -> None:
+        self.point = point.resolved()
+        shear = self.point.shear
+        packed = Packed(point.packing, streams)
+        self.preparation = {"attempts": packed.attempts, "start_steps": packed.steps}
+        pressure = getattr(shear, "scaled_pressure", None) or 0.0
+        n = point.packing.discs
+        self.drives = [
+            Drive(sign, FIRST_COMPRESSION if pressure else 0.0, pressure, np.zeros((2, n)))
+            for sign in (1.0, -1.0)
+        ]
+        self._plan()
+        self.flow = Flow(
+            packed.x, packed.y, packed.radius, np.ones(n), packed.side, packed.side,
+            self.drives[0],
+        )  # fmt: skip
+        self.start_fraction = self.flow.packing_fraction
+        self.done = 0
+        self.status = "flowing"
+        self.certificate: dict[str, Any] | None = None
+        self.stopped: str | None = None
+        self._made = 0
+        self._segment = 0
+        self._table = np.empty((len(COLUMNS), len(self.path)))
+        self.power_residual = 0.0
+        self.least_force = 0.0
+
+    def _plan(self) -> None:
+        """Set time, strain, rate and path of every record, and where the path turns."""
+        shear = self.point.shear
+        assert self.point.record.rows is not None  # noqa: S101 - by resolved()
+        share = np.linspace(0.0, 1.0, self.point.record.rows + 1)
+        if isinstance(shear, HardDiscSteadyShear):
+            self.path = self.strain = shear.strain * share
+            self.time = self.path / shear.strain_rate
+            self.rate = np.full(len(share), shear.strain_rate)
+            self.turns = [shear.strain]
+            return
+        omega = 2 * math.pi / shear.period
+        half_turns = 2 * shear.periods * share  # whole and half turns are exact
+        amplitude = shear.strain_amplitude
+        self.time = shear.period * shear.periods * share
+        self.strain = amplitude * np.sin(math.pi * (half_turns % 2.0))
+        self.rate = amplitude * omega * np.cos(math.pi * (half_turns % 2.0))
+        segment = np.floor(half_turns + 0.5)
+        sign = np.where(segment % 2 == 0, 1.0, -1.0)
+        self.path = 2 * amplitude * segment + sign * self.strain
+        self.turns = [amplitude * (1 + 2 * k) for k in range(2 * shear.periods)]
+        self.turns.append(4 * amplitude * shear.periods)
+
+    @property
+    def rows(self) -> int:
+        """Number of records of the whole protocol; of what there was, if it could not go on."""
+        return len(self.path) if self.stopped is None else self._made
+
+    def advance(self, rows: int) -> None:
+        """Make the next ``rows`` records (fewer at the end of the protocol)."""
+        wanted = min(self.done + rows, len(self.path))
+        try:
+            while self._made < wanted:
+                if self._made == 0:
+                    self._first()
+                elif self.flow.path < self.turns[self._segment]:
+                    self.flow.step(self.turns[self._segment], self._look)
+                elif self._segment + 1 < len(self.turns):
+                    self._segment += 1
+                    self.flow.turn(self.drives[self._segment % 2])
+                else:  # the last record is the end of the path, to round-off
+                    self._first()
+        except Jammed as jam:
+            self.status = "jammed"
+            self.stopped = f"jammed at path {self.flow.path:.9g}"
+            self.certificate = certify(self.flow.instant(), jam, self.flow.path)
+        except Arrested as arrest:
+            self.status = "arrested"
+            self.stopped = str(arrest)
+        self.done = min(wanted, self._made)
+
+    def _first(self) -> None:
+        """Record the present instant."""
+        flow, now = self.flow, self.flow.set
+        self._record(
+            self._made, flow.rx[now.pairs], flow.ry[now.pairs], flow.pairs.i[now.pairs],
+            flow.pairs.j[now.pairs], now.phi, now.kappa, flow.area, flow.squeezed,
+        )  # fmt: skip
+        self._made += 1
+
+    def _look(self, motion: Dense, path: float, step: float) -> None:
+        """Make the records that fall within a step, by dense output."""
+        while self._made < len(self.path) and self.path[self._made] <= path + step:
+            t = float(self.path[self._made]) - path
+            x, y = motion.x.copy(), motion.y.copy()
+            shear = self.flow.drive.shear
+            squeeze, _ = travel(x, y, np.zeros((2, len(x))), motion.u, motion.kappa, shear, t)
+            area = float(evaluate(motion.area, t))
+            scale = math.sqrt(area / motion.area[0])
+            width, height = self.flow.width * scale, self.flow.height * scale
+            offset = (motion.offset + shear * t * self.flow.height) * scale
+            rx, ry, gap = np.empty((3, len(motion.pairs.i)))
+            separations(x, y, width, height, offset, *motion.pairs, rx, ry, gap)
+            phi = np.asarray(evaluate(motion.phi, t))
+            self._record(
+                self._made, rx, ry, motion.pairs.i, motion.pairs.j, phi,
+                float(evaluate(motion.kappa, t)), area, self.flow.squeezed + squeeze,
+            )  # fmt: skip
+            self._made += 1
+
+    def _record(
+        self, row: int, rx: FloatArray, ry: FloatArray, i: Any, j: Any, phi: FloatArray,
+        kappa: float, area: float, squeezed: float,
+    ) -> None:  # fmt: skip
+        flow = self.flow
+        drive = flow.drive
+        xx, xy, yy = ((phi * a * b).sum() / area for a, b in ((rx, rx), (rx, ry), (ry, ry)))
+        u = velocities(i, j, rx, ry, phi, flow.mobility, drive.drift)
+        power = float((u**2 / flow.mobility).sum())
+        put_in = area * (-drive.shear * xy + kappa * (xx + yy))
+        if len(phi):
+            self.power_residual = max(self.power_residual, abs(power / put_in - 1.0))
+            self.least_force = min(self.least_force, float(phi.min() / phi.mean()))
+        rate = float(self.rate[row])
+        pascal = abs(rate) / self.point.model.mobility
+        counts = flow.counts
+        discs = len(flow.x)
+        self._table[:, row] = (
+            self.time[row], self.strain[row], rate, xx * pascal, xy * pascal, yy * pascal,
+            -drive.shear * xy, 0.5 * (xx + yy), 2 * len(phi) / discs,
+            math.pi * float((flow.radius**2).sum()) / area, kappa, squeezed,
+            math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
+        )  # fmt: skip
+
+    def columns(self) -> Columns:
+        """Return the records made so far."""
+        return {
+            column.name: self._table[k, : self.done].copy() for k, column in enumerate(COLUMNS)
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return JSON-ready facts."""
+        shear, flow, counts = self.point.shear, self.flow, self.flow.counts
+        protocol: dict[str, Any] = {
+            "kind": shear.kind,
+            "tensors": ["periodic"],
+            "shear_start": 0.0,
+            "shear_end": float(self.time[-1]),
+            "end": float(self.time[-1]),
+        }
+        if isinstance(shear, HardDiscSteadyShear):
+            protocol["strain_rate"] = shear.strain_rate
+        else:
+            protocol |= {
+                "strain_amplitude": shear.strain_amplitude,
+                "period": shear.period,
+                "periods": shear.periods,
+            }
+        return {
+            "derived": {"cell_side": flow.width, "packing_fraction": flow.packing_fraction},
+            "protocol": protocol,
+            "preparation": self.preparation,
+            "status": self.status,
+            "stopped": self.stopped,
+            "certificate": self.certificate,
+            "measured": self._measured(),
+            "events": {
+                "collisions": counts.collisions,
+                "openings": counts.openings,
+                "steps": counts.steps,
+                "factorisations": flow.set.factorisations,
+                "neighbour_lists": counts.rebuilds,
+                "mean_order": counts.orders / max(1, counts.steps),
+            },
+            "checks": {
+                "largest_overlap": counts.largest_overlap,
+                "largest_drift": counts.largest_drift,
+                "integration_error": counts.error,
+                "power_residual": self.power_residual,
+                "least_force": self.least_force,
+                "area_residual": abs(
+                    0.5 * math.log(flow.packing_fraction / self.start_fraction) - flow.squeezed
+                ),
+            },
+            "flags": {
+                "not_at_rest": False,
+                "jammed": self.status == "jammed",
+                "arrested": self.status == "arrested",
+            },
+        }
+
+    def _measured(self) -> dict[str, float] | None:
+        """Return means after the transient; None if the shear did not come to its end."""
+        shear = self.point.shear
+        if self.done < len(self.path) or not isinstance(shear, HardDiscSteadyShear):
+            return None
+        columns = self.columns()
+        late = self.path >= shear.transient * shear.strain
+        mean = {name: float(values[late].mean()) for name, values in columns.items()}
+        strain = float(np.ptp(self.path[late]))
+        return {
+            "scaled_shear_stress": mean["scaled_shear_stress"],
+            "scaled_pressure": mean["scaled_pressure"],
+            "friction_coefficient": mean["scaled_shear_stress"] / mean["scaled_pressure"],
+            "contact_number": mean["contact_number"],
+            "mean_packing_fraction": mean["packing_fraction"],
+            "compression_ratio": mean["compression_ratio"],
+            "events_per_disc_strain": float(np.ptp(columns["events"][late]))
+            / (strain * self.point.packing.discs),
+        }
+
+
+def compile_kernels(points: Sequence[HardDiscPoint]) -> None:  # noqa: ARG001 - the same for all
+    """Compile every kernel: a little shear of a few discs."""
+    point = HardDiscPoint(
+        packing=HardDiscPacking(discs=8, packing_fraction=0.6),
+        model=HardDisc(kind="hard_disc"),
+        shear=HardDiscSteadyShear(kind="steady", strain=0.5),
+        record=HardDiscRecord(rows=20),
+    )
+    HardDiscSimulation(point, Streams(0, 0)).advance(21)

@@ -63,22 +63,6 @@ def make_factor(
 
 
 @jit
-def loads(
-    i: Ints, j: Ints, rx: Floats, ry: Floats, shear: float, compression: float, drift: Floats
-) -> Floats:
-    """Return q, the approach speeds r·ṙ of pairs (n,) without contact forces (HD.4)."""
-    q = np.empty(i.shape[0])
-    for c in range(i.shape[0]):
-        q[c] = (
-            shear * rx[c] * ry[c]
-            - compression * (rx[c] * rx[c] + ry[c] * ry[c])
-            + rx[c] * (drift[0, j[c]] - drift[0, i[c]])
-            + ry[c] * (drift[1, j[c]] - drift[1, i[c]])
-        )
-    return q
-
-
-@jit
 def response(
     factor: Factor, i: Ints, j: Ints, rx: Floats, ry: Floats, mobility: Floats,
 ) -> tuple[Floats, float]:  # fmt: skip
@@ -153,6 +137,22 @@ def most_violated(
     return which, worst
 
 
+@jit
+def approach(
+    i: Ints, j: Ints, rx: Floats, ry: Floats, u: Floats, shear: float, kappa: float
+) -> Floats:
+    """Return w = r·ṙ of pairs (n,) whose discs have velocities ``u`` beside the affine flow."""
+    w = np.empty(i.shape[0])
+    for c in range(i.shape[0]):
+        w[c] = (
+            shear * rx[c] * ry[c]
+            - kappa * (rx[c] * rx[c] + ry[c] * ry[c])
+            + rx[c] * (u[0, j[c]] - u[0, i[c]])
+            + ry[c] * (u[1, j[c]] - u[1, i[c]])
+        )
+    return w
+
+
 class Instant(NamedTuple):
     """What the forces of one instant depend on: the candidate pairs (P,) and the drive."""
 
@@ -208,7 +208,7 @@ class ActiveSet:
         Jammed
             If no forces stop the discs.
         """
-        q = loads(*now[:4], now.drive.shear, now.drive.compression, now.drive.drift)
+        q = approach(*now[:4], now.drive.drift, now.drive.shear, now.drive.compression)
         touching = (now.gap <= touch) & ((q < 0.0) | (now.permanent == 1))
         self.pairs = np.flatnonzero(touching).astype(np.int32)
         self.phi = np.zeros(len(self.pairs))
@@ -314,11 +314,18 @@ class ActiveSet:
             least = self._factorise(now)
         if least < DEPENDENT:
             return None
-        kappa = 0.0 if free else drive.compression
-        forces: Floats = -loads(*now.contacts(self.pairs), drive.shear, kappa, drive.drift)
-        if len(forces):
-            kappa += solve(self.factor, forces, 2.0 * drive.pressure * now.area)
-        self.kappa = kappa
+        contacts = now.contacts(self.pairs)
+        self.kappa = 0.0 if free else drive.compression
+        forces = np.zeros(len(self.pairs))
+        if not len(forces):
+            return forces
+        moment = contacts[2] ** 2 + contacts[3] ** 2
+        for _ in range(2):  # the second time for what round-off left, where N is nearly singular
+            u = velocities(*contacts, forces, now.mobility, drive.drift)
+            change = -approach(*contacts, u, drive.shear, self.kappa)
+            load = 2.0 * drive.pressure * now.area - float(forces @ moment)
+            self.kappa += solve(self.factor, change, load)
+            forces += change
         return forces
 
     def _balance(self, now: Instant) -> bool:

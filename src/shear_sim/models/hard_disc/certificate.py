@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.hard_disc.active_set import Instant, Jammed, loads
+from shear_sim.models.hard_disc.active_set import Instant, Jammed, approach
 
 
 def constrained(i: NDArray[np.int32], j: NDArray[np.int32], discs: int) -> NDArray[np.bool_]:
@@ -47,7 +47,7 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
         matrix[rows, 2 * side] = sign * rx / distance
         matrix[rows, 2 * side + 1] = sign * ry / distance
     singular = np.linalg.svd(matrix, compute_uv=False)
-    q = loads(i, j, rx, ry, now.drive.shear, now.drive.compression, now.drive.drift)
+    q = approach(i, j, rx, ry, now.drive.drift, now.drive.shear, now.drive.compression)
     contacts, bearing = len(i), int(held.sum())
     return {
         "path": path,

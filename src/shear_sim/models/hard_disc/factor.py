@@ -119,7 +119,7 @@ def factorise(
                 b = member[q]
                 if b >= k:
                     break
-                work[b] = element(k, b, i, j, rx, ry, mobility)
+                work[b] = element(k, int(b), i, j, rx, ry, mobility)
                 length = 0
                 while mark[b] != k:
                     path[length] = b

@@ -34,27 +34,30 @@ def push_apart(
         themselves are free where it is below `INFLATION` / 2.
     """
     n = x.shape[0]
-    unit = 2.0 * radius.mean()
-    large = radius * (1.0 + INFLATION)
+    large = np.empty(n)
+    unit = 0.0
+    for d in range(n):
+        large[d] = radius[d] * (1.0 + INFLATION)
+        unit += 2.0 * radius[d] / n
     skin = 0.3 * unit
     vx, vy, fx, fy = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     dt, most_dt, alpha, uphill = 0.1, 0.7, 0.1, 0
-    moved = np.inf
-    x0, y0 = x.copy(), y.copy()
-    first, i, j, nx, ny = find_pairs(x % width, y % height, large, skin, width, height, 0.0)
+    x0, y0 = np.full(n, np.inf), np.full(n, np.inf)
+    i = j = nx = ny = np.empty(0, np.int32)
     overlap = np.inf
     for step in range(most_steps):
         moved = 0.0
         for d in range(n):
             moved = max(moved, (x[d] - x0[d]) ** 2 + (y[d] - y0[d]) ** 2)
-        if step == 0 or moved > 0.25 * skin * skin:
+        if moved > 0.25 * skin * skin:
             for d in range(n):
                 x[d] -= np.floor(x[d] / width) * width
                 y[d] -= np.floor(y[d] / height) * height
                 x0[d], y0[d] = x[d], y[d]
-            first, i, j, nx, ny = find_pairs(x, y, large, skin, width, height, 0.0)
-        fx[:] = 0.0
-        fy[:] = 0.0
+            _, i, j, nx, ny = find_pairs(x, y, large, skin, width, height, 0.0)
+        for d in range(n):
+            fx[d] = 0.0
+            fy[d] = 0.0
         overlap = 0.0
         for c in range(i.shape[0]):
             a, b = i[c], j[c]
@@ -91,8 +94,9 @@ def push_apart(
             uphill = 0
             dt *= 0.5
             alpha = 0.1
-            vx[:] = 0.0
-            vy[:] = 0.0
+            for d in range(n):
+                vx[d] = 0.0
+                vy[d] = 0.0
         for d in range(n):
             vx[d] += dt * fx[d]
             vy[d] += dt * fy[d]

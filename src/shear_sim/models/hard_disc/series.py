@@ -84,7 +84,8 @@ def expand(
             b[c] -= 0.5 * (k + 1) * turning + r[0, s, c] * speed
     load = 2.0 * pressure * area[k]
     kappa[k] = 0.0 if free or k > 0 else kappa[k]
-    phi[k] = 0.0
+    for c in range(n):
+        phi[k, c] = 0.0
     # The second round solves for what round-off left of the first, where N is nearly singular.
     for again in range(2):
         if n > 0:
@@ -132,7 +133,7 @@ def first_crossing(p: Floats, last: int, end: float, level: float) -> float:
     Newton steps to the root of a parabola that lies below the polynomial all the way to the end: no
     root is ever stepped over, and simple ones are approached quadratically.
     """
-    bend = 0.0
+    bend = 1e-300
     power = 1.0
     for k in range(2, last + 1):
         bend += k * (k - 1) * abs(p[k]) * power
@@ -147,10 +148,11 @@ def first_crossing(p: Floats, last: int, end: float, level: float) -> float:
         value += level
         if value <= 0.1 * level:
             return t
-        below = np.sqrt(slope * slope + 2.0 * bend * value) - slope
-        if below <= 0.0:
-            return np.inf
-        t += 2.0 * value / below
+        root = np.sqrt(slope * slope + 2.0 * bend * value)
+        if slope <= 0.0:
+            t += 2.0 * value / (root - slope)
+        else:  # the same root, without its cancellation
+            t += (root + slope) / bend
         if t > end:
             return np.inf
     return t
@@ -232,12 +234,11 @@ def next_collision(
                     vy -= kappa[m] * y[k - m]
             x[k + 1] = vx / (k + 1)
             y[k + 1] = vy / (k + 1)
-        square[:] = 0.0
+        for k in range(2 * last + 3):  # as a gap: (r² − D²) / 2D
+            square[k] = 0.0
         for k in range(last + 2):
             for m in range(last + 2):
-                square[k + m] += x[k] * x[m] + y[k] * y[m]
-        # As a gap: (r² − D²) / 2D.
-        square /= 2.0 * d
+                square[k + m] += (x[k] * x[m] + y[k] * y[m]) / (2.0 * d)
         square[0] = gap[c] * (1.0 + 0.5 * gap[c] / d)
         t = first_crossing(square, 2 * last + 2, end, level)
         if t < first:
@@ -264,10 +265,19 @@ def _reach(
 
 
 @jit
-def _largest(a: Floats) -> float:
+def _largest_force(phi: Floats, k: int) -> float:
     most = 0.0
-    for value in a.flat:
-        most = max(most, abs(value))
+    for c in range(phi.shape[1]):
+        most = max(most, abs(phi[k, c]))
+    return most
+
+
+@jit
+def _largest_velocity(u: Floats, k: int) -> float:
+    most = 0.0
+    for s in range(2):
+        for d in range(u.shape[2]):
+            most = max(most, abs(u[k, s, d]))
     return most
 
 
@@ -314,39 +324,47 @@ def look_ahead(
         See `expand`.
     """
     n = active.shape[0]
-    i = pairs.i[active]
-    j = pairs.j[active]
+    i = np.empty(n, np.int32)
+    j = np.empty(n, np.int32)
     phi = np.zeros((MOST_ORDERS + 1, n))
     u = np.zeros((MOST_ORDERS + 1, 2, mobility.shape[0]))
     r = np.zeros((MOST_ORDERS + 2, 2, n))
     kappa = np.zeros(MOST_ORDERS + 1)
     area = np.zeros(MOST_ORDERS + 2)
     for c in range(n):
+        i[c] = pairs.i[active[c]]
+        j[c] = pairs.j[active[c]]
         r[0, 0, c] = rx[active[c]]
         r[0, 1, c] = ry[active[c]]
     kappa[0] = load_kappa
     area[0] = cell_area
-    k = 0
     wanted = cap
     step = cap
     force = 0.0
     speed = 0.0
     before = 0.0
-    while True:
+    affine = np.sqrt(cell_area)
+    for k in range(MOST_ORDERS + 1):
         expand(
             k, shear, pressure, factor, i, j, mobility, drift, phi, u, r, kappa, area
         )  # fmt: skip
         if k == 0:
-            force = max(_largest(phi[0]), 1e-300)
-            speed = max(_largest(u[0]), 1e-300)
-            level = 1e-12 * np.abs(phi[0]).sum() / max(n, 1)
-        tail = max(_largest(phi[k]) / force, _largest(u[k]) / speed)
+            force = max(_largest_force(phi, k), 1e-300)
+            speed = max(_largest_velocity(u, k), 1e-300)
+            total = 0.0
+            for c in range(n):
+                total += abs(phi[0, c])
+            level = 1e-12 * total / max(n, 1)
+        tail = max(_largest_force(phi, k) / force, _largest_velocity(u, k) / speed)
+        if kappa[0] != 0.0:  # without compression the affine motion is a finite series
+            affine *= (abs(shear) + abs(kappa[0])) / (k + 1)
+            tail = max(tail, affine)
         if k == 3:  # a first guess of the next event: there is no use in looking far beyond it
             largest = max(tail, before)
             far = min(cap, (0.05 / largest) ** (1.0 / 3.0)) if largest > 0.0 else cap
-            opening, _ = next_opening(phi, 3, far, level, permanent)
+            opening, _ = next_opening(phi, k, far, level, permanent)
             collision, _ = next_collision(
-                pairs, open_pairs, rx, ry, gap, shear, u, kappa, 3, far, touch
+                pairs, open_pairs, rx, ry, gap, shear, u, kappa, k, far, touch
             )
             wanted = min(cap, 1.02 * min(opening, collision))
         elif k > 3:
@@ -355,10 +373,9 @@ def look_ahead(
                 step = min(step, (accuracy / tail) ** (1.0 / k))
             if before > 0.0:
                 step = min(step, (accuracy / before) ** (1.0 / (k - 1)))
-            if step >= wanted or k == MOST_ORDERS:
+            if step >= wanted:
                 break
         before = tail
-        k += 1
     opening, contact = next_opening(phi, k, step, level, permanent)
     kind, which = NOTHING, -1
     if opening <= step:
@@ -370,8 +387,8 @@ def look_ahead(
         step, kind, which = collision, COLLISION, pair
     reach = 0.0
     for m in range(k + 1):
-        reach += 3.0 * _largest(u[m]) * step ** (m + 1) / (m + 1)
-    error = _largest(u[k]) * step ** (k + 1) / (k + 1)
+        reach += 3.0 * _largest_velocity(u, m) * step ** (m + 1) / (m + 1)
+    error = _largest_velocity(u, k) * step ** (k + 1) / (k + 1)
     return k, step, kind, which, reach, error, phi[: k + 1], u[: k + 1], kappa[: k + 1], area[: k + 1]
 
 

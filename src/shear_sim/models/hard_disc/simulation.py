@@ -178,9 +178,10 @@ class HardDiscSimulation:
         xx, xy, yy = ((phi * a * b).sum() / area for a, b in ((rx, rx), (rx, ry), (ry, ry)))
         u = velocities(i, j, rx, ry, phi, flow.mobility, drive.drift)
         power = float((u**2 / flow.mobility).sum())
-        put_in = area * (-drive.shear * xy + kappa * (xx + yy))
+        put_in = -area * drive.shear * xy, area * kappa * (xx + yy)
         if len(phi):
-            self.power_residual = max(self.power_residual, abs(power / put_in - 1.0))
+            residual = abs(power - sum(put_in)) / (abs(put_in[0]) + abs(put_in[1]))
+            self.power_residual = max(self.power_residual, residual)
             self.least_force = min(self.least_force, float(phi.min() / phi.mean()))
         rate = float(self.rate[row])
         pascal = abs(rate) / self.point.model.mobility

@@ -78,7 +78,7 @@ def test_velocities_of_singular_networks():
         i, j, rx, ry = random_network(rng, discs, 2 * discs + int(rng.integers(0, 4)))
         mobility = rng.uniform(0.5, 2, discs)
         now = instant(i, j, rx, ry, mobility, Drive(0.0, 0.0, 0.0, rng.normal(size=(2, discs))))
-        n, _, s, xi = dense(now)
+        _, _, s, xi = dense(now)
         if np.linalg.matrix_rank(s) == len(i):
             continue
         made += 1

@@ -67,9 +67,7 @@ def test_head_on():
 
 
 def test_an_immobile_disc_stops_a_row():
-    f = flow(
-        [(5, 5), (6.5, 5), (8, 5)], 0.5, mobility=[1, 1, 0], velocity=[(1, 0), (0, 0), (0, 0)]
-    )
+    f = flow([(5, 5), (6.5, 5), (8, 5)], 0.5, mobility=[1, 1, 0], velocity=[(1, 0), (0, 0), (0, 0)])
     f.advance(3.0)
     assert f.x == pytest.approx([6, 7, 8], abs=1e-12)
     assert f.set.phi == pytest.approx([1.0, 1.0], abs=1e-12)
@@ -103,7 +101,7 @@ def test_a_crystal_patch_turns_and_shrinks_as_a_block():
     position = np.vstack([[10, 10], np.column_stack([np.cos(angles), np.sin(angles)]) + 10])
     f = flow(position, 0.5, compression=1.0)
     u = f.set.velocities(f.instant())
-    assert u.T == pytest.approx(position - 10, abs=1e-9)
+    assert np.abs(u.T - (position - 10)).max() < 1e-9
     f.advance(0.3)
     assert overlap(f) < 1e-12
     assert (np.hypot(f.x[1:] - f.x[0], f.y[1:] - f.y[0])) == pytest.approx(np.ones(6), abs=1e-12)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hard_discs import overlap, packed_flow
 
-from shear_sim.models.hard_disc.series import first_crossing
 from shear_sim.models.hard_disc.factor import Factor, back_substitute, factorise
+from shear_sim.models.hard_disc.series import first_crossing
 
 
 def distance(one, other):

@@ -4,8 +4,8 @@ Source: Lerner, Düring & Wyart, "Simulations of driven overdamped frictionless 
 "paper (n)" below is its equation n. Lengths are in mean diameters of the small discs, velocities
 per unit of path (the strain, whichever way it goes), forces in units of path rate / ξ₀.
 
-**State.** Positions R_i, the cell, and the set of contacts. Disc i moves with the flow and with what
-pushes it::
+**State.** Positions R_i, the cell, and the set of contacts. Disc i moves with the flow and with
+what pushes it::
 
     dR/dγ = (g y − κ x, −κ y) + u,    u_i = ξ_i (F_i + Σ_c S_ci φ_c)                        (HD.1)
 
@@ -17,8 +17,8 @@ Forces are the unique solution of the linear complementarity problem::
     N = S Ξ Sᵀ,   Ξ = diag ξ                                                                 (HD.3)
     q = g r_x r_y − κ r² + r·(ξ_j F_j − ξ_i F_i)                                             (HD.4)
 
-with w = r·dr/dγ: touching discs push or part (paper (18), appendix A). ``active_set`` solves it from
-the contacts of the instant before, ``factor`` holds the sparse LDLᵀ of N.
+with w = r·dr/dγ: touching discs push or part (paper (18), appendix A). ``active_set`` solves it
+from the contacts of the instant before, ``factor`` holds the sparse LDLᵀ of N.
 
 **Stress** (paper (30), (24)) and the power identity that every record is checked against::
 
@@ -33,8 +33,8 @@ R, φ and κ. So power series R = Σ R_k γ^k, φ = Σ φ_k γ^k follow order by
 with one matrix for all orders (``series``). The last terms give the longest step; a record anywhere
 on the way is a value of the series, so records never change a step.
 
-**Events.** An opening is the first zero of a φ_c(γ), a collision the first zero of the gap of a pair
-without contact; both are found by Newton steps that cannot pass a root (`series.first_crossing`).
+**Events.** An opening is the first zero of a φ_c(γ), a collision the first zero of the gap of a
+pair without contact; Newton steps that cannot pass a root find both (`series.first_crossing`).
 After each step the gaps of contacts, 1e-14 by then, are set to zero (paper (28)).
 
 **Fixed pressure.** κ is unknown too; m = r² of each contact::

@@ -239,7 +239,7 @@ class ActiveSet:
             If no forces stop the discs.
         """
         self._balance(now)
-        joined = []
+        joined: list[int] = []
         refused = self.open_pairs.copy()
         while True:
             u = self.velocities(now)

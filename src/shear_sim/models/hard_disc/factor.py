@@ -28,9 +28,7 @@ class Factor(NamedTuple):
 
 
 @jit
-def element(
-    a: int, b: int, i: Ints, j: Ints, rx: Floats, ry: Floats, mobility: Floats
-) -> float:
+def element(a: int, b: int, i: Ints, j: Ints, rx: Floats, ry: Floats, mobility: Floats) -> float:
     """Return the element (a, b) of N = S Ξ Sᵀ for two contacts."""
     shared = 0.0
     if i[a] == i[b]:
@@ -41,7 +39,8 @@ def element(
         shared -= mobility[i[a]]
     if j[a] == i[b]:
         shared -= mobility[j[a]]
-    return shared * (rx[a] * rx[b] + ry[a] * ry[b])
+    product: float = shared * (rx[a] * rx[b] + ry[a] * ry[b])
+    return product
 
 
 @jit
@@ -217,7 +216,7 @@ def solve(factor: Factor, b: Floats, load: float) -> float:
     s, e, m = factor.corner
     determinant = s * m + e * e
     last = (force * m + e * load) / determinant
-    kappa = (s * load - e * force) / determinant
+    kappa: float = (s * load - e * force) / determinant
     for a in range(n1):
         b[a] += kappa * border[3, a] - last * border[1, a]
     b[n1] = last

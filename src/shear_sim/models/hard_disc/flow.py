@@ -1,4 +1,4 @@
-"""Hard discs that flow from event to event: positions, contacts and the cell, advanced along a path.
+"""Hard discs that flow from event to event: positions, contacts and cell, along a path.
 
 The path is the strain (its length, whichever way it goes) or, without shear, the compression or the
 time. One call of `look_ahead` gives the motion up to the next event; the discs move there, the
@@ -51,6 +51,9 @@ class Dense(NamedTuple):
     area: Floats
 
 
+Look = Callable[[Dense, float, float], None]
+
+
 @dataclass
 class Counts:
     """What happened so far."""
@@ -96,6 +99,15 @@ class Flow:
     path: float = 0.0
     squeezed: float = 0.0
     counts: Counts = field(default_factory=Counts)
+    pairs: Pairs = field(init=False)  # candidates (P,), with their separations and gaps:
+    rx: Floats = field(init=False)
+    ry: Floats = field(init=False)
+    gap: Floats = field(init=False)
+    permanent: Ints = field(init=False)
+    moved: Floats = field(init=False)  # (2, N) ∫u since the candidates were found
+    _spent: float = field(init=False, default=0.0)  # of the skin
+    _strained: float = field(init=False, default=0.0)
+    _range: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
         self.unit = 2.0 * float(self.radius.mean())
@@ -135,7 +147,7 @@ class Flow:
         self.drive = drive
         self.set.start(self.instant(), self.touch)
 
-    def advance(self, end: float, look: Callable[[Dense, float, float], None] | None = None) -> None:
+    def advance(self, end: float, look: Look | None = None) -> None:
         """Go on to ``path`` = ``end``.
 
         Parameters
@@ -155,7 +167,7 @@ class Flow:
         while self.path < end:
             self.step(end, look)
 
-    def step(self, end: float, look: Callable[[Dense, float, float], None] | None = None) -> None:
+    def step(self, end: float, look: Look | None = None) -> None:
         """Go on to the next event, or as far as the series is accurate, but not beyond ``end``."""
         now = self.set
         cap = min(self.longest_step, end - self.path)
@@ -173,7 +185,7 @@ class Flow:
             else:
                 cap = 0.5 * step
         if look is not None:
-            contacts = Pairs(*(a[now.pairs] for a in self.pairs))
+            contacts = self.pairs.take(now.pairs)
             motion = Dense(
                 self.x.copy(), self.y.copy(), self.offset, contacts, phi, u, kappa, area
             )  # fmt: skip
@@ -212,8 +224,8 @@ class Flow:
         counts.collisions += kind == COLLISION
         counts.openings += kind == OPENING
         counts.error += error
-        gaps = self.gap[self.set.pairs]
-        counts.largest_drift = max(counts.largest_drift, float(np.abs(gaps).max(initial=0.0)) / self.unit)
+        drift = float(np.abs(self.gap[self.set.pairs]).max(initial=0.0)) / self.unit
+        counts.largest_drift = max(counts.largest_drift, drift)
         overlap = -float(self.gap.min(initial=np.inf)) / self.unit
         counts.largest_overlap = max(counts.largest_overlap, overlap)
         self._stalled = self._stalled + 1 if step < STALLED else 0
@@ -262,6 +274,7 @@ class Flow:
         order = elimination_order(self.x, self.y, found[0], found[1])
         i, j, nx, ny = (a[order] for a in found)
         contacts = self.set.pairs
+        place = np.zeros(0, np.int64)
         if len(contacts):
             old = self.pairs
             a, b = old.i[contacts], old.j[contacts]
@@ -269,8 +282,8 @@ class Flow:
             across = old.nx[contacts] + turns * up + wx[b] - wx[a]
             up = up + wy[b] - wy[a]
             keys = _key(i, j, nx, ny, len(self.x))
-            place = np.argsort(keys)
-            contacts = place[np.searchsorted(keys[place], _key(a, b, across, up, len(self.x)))]
+            order = np.argsort(keys)
+            place = order[np.searchsorted(keys[order], _key(a, b, across, up, len(self.x)))]
         self.pairs = Pairs(i, j, nx, ny, self.radius[i] + self.radius[j])
         self.permanent = np.zeros(len(i), np.int32)
         self.rx, self.ry, self.gap = np.empty((3, len(i)))
@@ -279,16 +292,14 @@ class Flow:
         self._range = 2.0 * float(self.radius.max()) + self.skin
         self.counts.rebuilds += 1
         self._separate()
-        if len(contacts):
-            self.set.renumber(contacts.astype(np.int32), len(i))
+        self.set.renumber(place.astype(np.int32), len(i))
+        if len(place):
             self.set.settle(self.instant(), self.touch)
-        else:
-            self.set.renumber(np.zeros(0, np.int32), len(i))
 
 
 def evaluate(series: Floats, t: float) -> Floats:
     """Return Σ c_k t^k of a series (K + 1, ...)."""
-    total = series[-1]
+    total: Floats = series[-1]
     for coefficient in series[-2::-1]:
         total = total * t + coefficient
     return total

@@ -18,6 +18,12 @@ class Pairs(NamedTuple):
     ny: Ints
     distance: Floats  # D = a_i + a_j
 
+    def take(self, which: Ints) -> "Pairs":
+        """Return some of the pairs, in the order given."""
+        return Pairs(
+            self.i[which], self.j[which], self.nx[which], self.ny[which], self.distance[which]
+        )
+
 
 @jit
 def separations(

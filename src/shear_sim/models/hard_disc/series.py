@@ -87,7 +87,7 @@ def expand(
     for c in range(n):
         phi[k, c] = 0.0
     # The second round solves for what round-off left of the first, where N is nearly singular.
-    for again in range(2):
+    for _ in range(2):
         if n > 0:
             found = solve(factor, b, load)
             if free:
@@ -389,7 +389,8 @@ def look_ahead(
     for m in range(k + 1):
         reach += 3.0 * _largest_velocity(u, m) * step ** (m + 1) / (m + 1)
     error = _largest_velocity(u, k) * step ** (k + 1) / (k + 1)
-    return k, step, kind, which, reach, error, phi[: k + 1], u[: k + 1], kappa[: k + 1], area[: k + 1]
+    end = k + 1
+    return k, step, kind, which, reach, error, phi[:end], u[:end], kappa[:end], area[:end]
 
 
 @jit

@@ -11,17 +11,16 @@ from shear_sim.models.hard_disc.active_set import Drive, Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify
 from shear_sim.models.hard_disc.columns import COLUMNS
 from shear_sim.models.hard_disc.flow import Arrested, Dense, Flow, evaluate
+from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
 from shear_sim.models.hard_disc.pairs import separations
 from shear_sim.models.hard_disc.parameters import (
     HardDisc,
-    HardDiscOscillatoryShear,
     HardDiscPacking,
     HardDiscPoint,
     HardDiscRecord,
     HardDiscSteadyShear,
 )
 from shear_sim.models.hard_disc.series import travel
-from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
 from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.streams import Streams
 
@@ -39,15 +38,11 @@ class Packed:
         mean = np.where(np.arange(n) < math.ceil(n / 2), 0.5 * packing.size_ratio, 0.5)
         spread = packing.polydispersity * streams.generator("radii").uniform(-1, 1, n)
         self.radius: FloatArray = mean * (1 + spread)
-        self.side = math.sqrt(
-            math.pi * float((self.radius**2).sum()) / packing.packing_fraction
-        )
+        self.side = math.sqrt(math.pi * float((self.radius**2).sum()) / packing.packing_fraction)
         positions = streams.generator("positions")
         for attempt in range(packing.attempts):
             x, y = positions.random((2, n)) * self.side
-            steps, overlap = push_apart(
-                x, y, self.radius, self.side, self.side, MOST_START_STEPS
-            )
+            steps, overlap = push_apart(x, y, self.radius, self.side, self.side, MOST_START_STEPS)
             if overlap < 0.4 * INFLATION:
                 self.x, self.y = x, y
                 self.attempts, self.steps = attempt + 1, steps
@@ -196,9 +191,7 @@ class HardDiscSimulation:
 
     def columns(self) -> Columns:
         """Return the records made so far."""
-        return {
-            column.name: self._table[k, : self.done].copy() for k, column in enumerate(COLUMNS)
-        }
+        return {column.name: self._table[k, : self.done].copy() for k, column in enumerate(COLUMNS)}
 
     def summary(self) -> dict[str, Any]:
         """Return JSON-ready facts."""

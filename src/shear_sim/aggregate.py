@@ -178,14 +178,18 @@ def make_tables(folder: Path | str) -> "dict[str, pd.DataFrame]":
     parameters = [describe_parameter(points, key) for key in study["varied"]]
     planned = _labelled(planned, _scene_order(results.study_file))
     orphans = int((~index["job"].isin(planned["job"])).sum())
-    runs = runs_table(planned, index, parameters)
+    measured = [item for kind in study["models"] for item in models.model(kind).MEASURED]
+    own = tuple(column.name for column, _ in measured if column.unit)
+    runs = runs_table(planned, index, parameters, measured)
     tables = {"runs": runs}
     shear = _kinds_of_shear(planned, index)
     failed = results.failures().keys()
     for kind, (name, quantities) in POINT_TABLES.items():
         of_kind = planned[shear == kind]
         if len(of_kind):
-            tables[name] = points_table(of_kind, runs, parameters, quantities, failed=failed)
+            tables[name] = points_table(
+                of_kind, runs, parameters, (*quantities, *own), measured=measured, failed=failed
+            )
     for table in tables.values():
         table.attrs |= {"study": study["study"], "orphans": orphans}
     return tables
@@ -226,7 +230,10 @@ def _kinds_of_shear(planned: "pd.DataFrame", index: "pd.DataFrame") -> "pd.Serie
 
 
 def runs_table(
-    planned: "pd.DataFrame", index: "pd.DataFrame", parameters: Sequence[Column]
+    planned: "pd.DataFrame",
+    index: "pd.DataFrame",
+    parameters: Sequence[Column],
+    measured: Sequence[tuple[Column, str]] = (),
 ) -> "pd.DataFrame":
     """Return one row per finished job of the plan.
 
@@ -238,9 +245,12 @@ def runs_table(
         The index of the results; jobs outside the plan are not looked at.
     parameters : sequence of Column
         The varied parameters.
+    measured : sequence of (Column, key)
+        What the models measure themselves, see `shear_sim.models.interface.Model`.
     """
     import pandas as pd
 
+    units = _UNITS | {column.name: column for column, _ in measured}
     found = planned.merge(
         index.drop(columns=[c for c in planned.columns if c != "job" and c in index]), on="job"
     )
@@ -254,7 +264,7 @@ def runs_table(
             data[f"loss_modulus{suffix}"] = loss
             data[f"complex_modulus{suffix}"] = np.hypot(storage, loss)
             data[f"tan_delta{suffix}"] = loss / storage.where(storage != 0.0)
-    for column, key in (*_OSCILLATORY, *_STEADY):
+    for column, key in (*_OSCILLATORY, *_STEADY, *measured):
         if key in found:
             data[column.name] = _typed(found[key], column)
     nothing = pd.Series(data=True, index=found.index)
@@ -268,13 +278,13 @@ def runs_table(
         *_LABELS,
         *parameters,
         Column("replicate", "1", "number of the replicate, from 0"),
-        *[_UNITS[name] for name in data if name != "flagged"],
+        *[units[name] for name in data if name != "flagged"],
         _FLAGGED,
     ]
     return _table(found.assign(**data), columns, sort=["replicate"], parameters=parameters)
 
 
-_FLAG_NAMES = ("baseline_noisy", "surface_internal_differ", "not_at_rest")
+_FLAG_NAMES = ("baseline_noisy", "surface_internal_differ", "not_at_rest", "jammed", "arrested")
 
 
 def _typed(values: "pd.Series[Any]", column: Column) -> "pd.Series[Any]":
@@ -292,6 +302,7 @@ def points_table(
     parameters: Sequence[Column],
     quantities: Sequence[str],
     *,
+    measured: Sequence[tuple[Column, str]] = (),
     failed: Collection[str] = (),
     level: float = LEVEL,
     resamples: int = RESAMPLES,
@@ -306,6 +317,8 @@ def points_table(
         Columns of ``runs`` to summarise; each gives ``_mean``, ``_median``, ``_ci_low``,
         ``_ci_high``, ``_ci_method``, ``_ci_flag`` (see `shear_sim.statistics.Interval`) and
         ``_n``, the runs that have a value.
+    measured : sequence of (Column, key)
+        See `runs_table`.
     failed : collection of str
         Ids of the jobs that failed.
     level : float
@@ -315,6 +328,7 @@ def points_table(
         replicates for all quantities of a point, the same intervals at every aggregation, and
         those of old points stay when a study grows.
     """
+    units = _UNITS | {column.name: column for column, _ in measured}
     points = planned.drop_duplicates("point").set_index("point", drop=False)
     failures = planned["job"].isin(set(failed)).groupby(planned["point"]).sum()
     counts = planned["point"].value_counts()
@@ -351,7 +365,7 @@ def points_table(
         Column("planned", "1", "runs of the plan"),
         Column("failed", "1", "runs that failed"),
         Column("flagged", "1", "finished runs outside a quality limit; they are counted in"),
-        *[column for name in quantities for column in _statistics_of(_UNITS[name])],
+        *[column for name in quantities for column in _statistics_of(units[name])],
         Column("ci_level", "1", "confidence level of the intervals"),
         Column("ci_seed", "1", "seed of their bootstrap"),
     ]

@@ -244,8 +244,9 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
     Parameters
     ----------
     columns : mapping of (R,) arrays
-        ``time`` [s] and the shear stresses [Pa] named in `TENSORS`, stored or derived; for steady
-        shear ``pressure`` [Pa] as well. Series that were not recorded give null.
+        ``time`` [s] and the shear stresses [Pa] named in `TENSORS`, stored or derived (all of them,
+        unless ``protocol["tensors"]`` says which there are); for steady shear ``pressure`` [Pa] as
+        well. Series that were not recorded give null.
     protocol : mapping
         The ``protocol`` block of the simulation's summary.
 
@@ -273,7 +274,8 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         raise ValueError(msg)
     found: dict[str, Moduli | None] = {}
     reason = None
-    for tensor, name in TENSORS.items():
+    for tensor in protocol.get("tensors", TENSORS):
+        name = TENSORS[tensor]
         found[tensor] = None
         if name not in columns:
             reason = reason or f"the columns that give {name} are not recorded"
@@ -291,7 +293,9 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
             reason = reason or str(error)
     quality = {
         "baseline_noise": _baseline_noise(columns, protocol, found["periodic"]),
-        "surface_internal_ratio": _surface_internal_ratio(found["internal"], found["external"]),
+        "surface_internal_ratio": _surface_internal_ratio(
+            found.get("internal"), found.get("external")
+        ),
         "cycle_change": _cycle_change(found["periodic"]),
     }
     noise, ratio = quality["baseline_noise"], quality["surface_internal_ratio"]
@@ -387,10 +391,14 @@ def steady_shear(
     Raises
     ------
     ValueError
-        With fewer records than blocks, without a rate, or with a stress that is not finite.
+        With fewer records than blocks, without a rate, with records that end before the shear, or
+        with a stress that is not finite.
     """
     if strain_rate == 0.0:
         msg = "steady shear at strain_rate = 0 has no viscosity"
+        raise ValueError(msg)
+    if len(time) > 1 and shear_end - time[-1] > 2 * (time[-1] - time[-2]):
+        msg = f"the records end at {time[-1]:g} s, but the shear at {shear_end:g} s"
         raise ValueError(msg)
     # The instant that stops the shear is left out: its flow is already the rest's.
     late = (time >= 0.5 * (shear_start + shear_end)) & (time < shear_end)

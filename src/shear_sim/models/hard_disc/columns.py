@@ -27,17 +27,18 @@ DERIVED = (
     Column("shear_stress", "Pa", "−stress_xy"),
     Column("pressure", "Pa", "(stress_xx + stress_yy)/2"),
 )
-#: Averaged over the run, and summarised over replicates; each with its key in the summary.
 MEASURED = tuple(
-    (Column(name, "1", text), f"measured.{name}")
-    for name, text in (
-        ("scaled_shear_stress", "mean of σ ξ₀/γ̇ after the transient"),
-        ("scaled_pressure", "mean of p ξ₀/|γ̇| after the transient"),
-        ("friction_coefficient", "μ = mean shear stress / mean pressure after the transient"),
-        ("contact_number", "mean of 2 N_c/N after the transient"),
-        ("mean_packing_fraction", "mean of φ after the transient"),
-        ("compression_ratio", "mean of κ after the transient"),
-        ("events_per_disc_strain", "events per disc and unit strain after the transient"),
+    (Column(name, unit, text), f"{'measured' if unit else 'flags'}.{name}")
+    for name, unit, text in (
+        ("scaled_shear_stress", "1", "mean of σ ξ₀/γ̇ after the transient"),
+        ("scaled_pressure", "1", "mean of p ξ₀/|γ̇| after the transient"),
+        ("friction_coefficient", "1", "μ = mean shear stress / mean pressure after the transient"),
+        ("contact_number", "1", "mean of 2 N_c/N after the transient"),
+        ("mean_packing_fraction", "1", "mean of φ after the transient"),
+        ("compression_ratio", "1", "mean of κ after the transient"),
+        ("events_per_disc_strain", "1", "events per disc and unit strain after the transient"),
+        ("jammed", "", "ended with a certificate of jamming"),
+        ("arrested", "", "ended where events leave no room for motion"),
     )
 )
 

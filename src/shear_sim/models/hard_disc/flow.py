@@ -84,6 +84,13 @@ class Flow:
         Length of path so far.
     squeezed : float
         ∫κ over the path.
+
+    Raises
+    ------
+    ValueError
+        If discs overlap at the start.
+    Jammed
+        If no forces stop them there.
     """
 
     x: Floats
@@ -116,6 +123,14 @@ class Flow:
         self.set = ActiveSet(0)
         self._stalled = 0
         self._find_candidates()
+        overlap = -float(self.gap.min(initial=0.0))
+        if overlap > 1e-12 * self.unit:
+            c = int(self.gap.argmin())
+            msg = (
+                f"discs {self.pairs.i[c]} and {self.pairs.j[c]} overlap by {overlap / self.unit:.3g}"
+                " mean diameters at the start"
+            )
+            raise ValueError(msg)
         self.set.start(self.instant(), self.touch)
 
     @property

@@ -206,7 +206,7 @@ def next_collision(
     last : int
         Order of the series.
     level : float
-        Gap, below 0, at which pairs count as touching.
+        Overlap at which a pair collides.
     """
     first = np.inf
     which = -1
@@ -240,7 +240,8 @@ def next_collision(
             for m in range(last + 2):
                 square[k + m] += (x[k] * x[m] + y[k] * y[m]) / (2.0 * d)
         square[0] = gap[c] * (1.0 + 0.5 * gap[c] / d)
-        t = first_crossing(square, 2 * last + 2, end, level)
+        # A pair that overlaps by round-off has been seen to part: it collides where it comes back.
+        t = first_crossing(square, 2 * last + 2, end, level + max(0.0, -gap[c]))
         if t < first:
             first = t
             which = c

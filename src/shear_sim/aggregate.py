@@ -31,6 +31,7 @@ SEPARATOR = "; "
 POINT_TABLES = {
     "oscillatory": ("moduli", ("storage_modulus", "loss_modulus", "complex_modulus", "tan_delta")),
     "steady": ("steady", ("shear_stress", "viscosity", "stress_ratio")),
+    "compression": ("compression", ()),
 }
 _TENSORS = {"periodic": "", "internal": "_internal", "external": "_external"}
 
@@ -268,7 +269,7 @@ def runs_table(
         if key in found:
             data[column.name] = _typed(found[key], column)
     nothing = pd.Series(data=True, index=found.index)
-    for name in ("storage_modulus", "shear_stress"):
+    for name in ("storage_modulus", "shear_stress", *[c.name for c, _ in measured if c.unit]):
         if name in data:
             nothing &= data[name].isna()
     flags = [data[n].fillna(value=False) for n in data if n in _FLAG_NAMES]

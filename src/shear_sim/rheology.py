@@ -260,7 +260,7 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         (``baseline_noisy``: the first over 10 %; ``surface_internal_differ``: the second more than
         30 % from 1). Steady shear: ``steady`` (see `steady_shear`) and ``flags``. A quantity that
         does not exist, such as a baseline without a rest, is None. Where nothing can be fitted,
-        ``flags["no_moduli"]`` (``"no_steady"``) holds the reason.
+        ``flags["no_moduli"]`` (``"no_steady"``) holds the reason. Compression has no rheology.
 
     Raises
     ------
@@ -269,6 +269,8 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
     """
     if protocol["kind"] == "steady":
         return _summarise_steady(columns, protocol)
+    if protocol["kind"] == "compression":
+        return {"flags": {}}
     if protocol["kind"] != "oscillatory":
         msg = f"protocol kind {protocol['kind']!r} is neither 'oscillatory' nor 'steady'"
         raise ValueError(msg)

@@ -17,6 +17,7 @@ _PLAIN_WIDTH = 200  # of a line where the output is no terminal: it is cut by no
 _SHOWN = {
     "moduli": {"storage_modulus": "G′", "loss_modulus": "G″"},
     "steady": {"shear_stress": "τ", "viscosity": "η"},
+    "compression": {"final_packing_fraction": "φ"},
 }
 
 

@@ -77,7 +77,9 @@ def test_oscillation_turns_at_its_amplitude():
     columns = run.columns()
     time, strain = columns["time"], columns["strain"]
     assert strain == pytest.approx(0.1 * np.sin(2 * np.pi * time), abs=1e-15)
-    assert columns["strain_rate"] == pytest.approx(0.2 * np.pi * np.cos(2 * np.pi * time), abs=1e-14)
+    assert columns["strain_rate"] == pytest.approx(
+        0.2 * np.pi * np.cos(2 * np.pi * time), abs=1e-14
+    )
     assert run.flow.path == pytest.approx(0.8)
     sheared = columns["contact_number"] > 0
     assert (columns["scaled_shear_stress"][sheared] > 0).all()

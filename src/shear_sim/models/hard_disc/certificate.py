@@ -34,18 +34,16 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
     i, j, rx, ry = now.contacts(jam.pairs)
     distance = np.hypot(rx, ry)
     force = jam.force * distance
-    force = force / force.mean()
     discs = len(now.mobility)
-    net = np.zeros((2, discs))
-    for component, r in zip(net, (rx, ry), strict=True):
-        np.add.at(component, i, -force * r / distance)
-        np.add.at(component, j, force * r / distance)
     held = constrained(i, j, discs)
     matrix = np.zeros((len(i), 2 * discs))
     rows = np.arange(len(i))
     for side, sign in ((i, -1.0), (j, 1.0)):
         matrix[rows, 2 * side] = sign * rx / distance
         matrix[rows, 2 * side + 1] = sign * ry / distance
+    # The direction comes from a factor that is nearly singular: what it leaves is taken off.
+    force -= np.linalg.lstsq(matrix.T, matrix.T @ force, rcond=1e-10)[0]
+    force /= force.mean()
     singular = np.linalg.svd(matrix, compute_uv=False)
     q = approach(i, j, rx, ry, now.drive.drift, now.drive.shear, now.drive.compression)
     contacts, bearing = len(i), int(held.sum())
@@ -55,7 +53,7 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
         "discs": bearing,
         "isostatic": contacts == 2 * bearing - 1,
         "least_force": float(force.min()),
-        "unbalanced_force": float(np.abs(net).max()),
+        "unbalanced_force": float(np.abs(matrix.T @ force).max()),
         "smallest_singular_value": float(singular[-1]),
         "second_singular_value": float(singular[-2]) if len(singular) > 1 else 0.0,
         "load": float((force * q / distance).sum()),

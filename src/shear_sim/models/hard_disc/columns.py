@@ -37,6 +37,8 @@ MEASURED = tuple(
         ("mean_packing_fraction", "1", "mean of φ after the transient"),
         ("compression_ratio", "1", "mean of κ after the transient"),
         ("events_per_disc_strain", "1", "events per disc and unit strain after the transient"),
+        ("final_packing_fraction", "1", "φ at the end of a compression"),
+        ("rattler_fraction", "1", "discs that bear no force, of a jammed packing"),
         ("jammed", "", "ended with a certificate of jamming"),
         ("arrested", "", "ended where events leave no room for motion"),
     )

@@ -127,8 +127,8 @@ class Flow:
         if overlap > 1e-12 * self.unit:
             c = int(self.gap.argmin())
             msg = (
-                f"discs {self.pairs.i[c]} and {self.pairs.j[c]} overlap by {overlap / self.unit:.3g}"
-                " mean diameters at the start"
+                f"discs {self.pairs.i[c]} and {self.pairs.j[c]} overlap by "
+                f"{overlap / self.unit:.3g} mean diameters at the start"
             )
             raise ValueError(msg)
         self.set.start(self.instant(), self.touch)
@@ -192,8 +192,10 @@ class Flow:
                 now.pairs, self.permanent, self.mobility, self.drive.drift, self.pairs,
                 now.open_pairs, self.rx, self.ry, self.gap, self.area, self.touch,
             )  # fmt: skip
-            strained = self._strained + abs(self.drive.shear) * step
-            if self._spent + reach + strained * self._range <= self.skin:
+            squeeze = sum(abs(c) * step ** (k + 1) / (k + 1) for k, c in enumerate(kappa.tolist()))
+            strained = self._strained + abs(self.drive.shear) * step + squeeze
+            approach = (self._spent + reach) * (1.0 + strained) + math.expm1(strained) * self._range
+            if approach <= self.skin:
                 break
             if self._strained or self._spent:
                 self._find_candidates()
@@ -222,7 +224,6 @@ class Flow:
         self._spent = 2.0 * math.sqrt(2.0) * moved
         self.offset += self.drive.shear * step * self.height
         if squeeze:
-            self._spent += abs(squeeze) * self._range
             self._scale(math.sqrt(float(evaluate(area, step)) / self.area))
         self._separate()
 
@@ -304,6 +305,7 @@ class Flow:
         self.rx, self.ry, self.gap = np.empty((3, len(i)))
         self.moved = np.zeros((2, len(self.x)))
         self._spent = self._strained = 0.0
+        # A pair that comes to touch was at most this far apart, but for some strain of it.
         self._range = 2.0 * float(self.radius.max()) + self.skin
         self.counts.rebuilds += 1
         self._separate()

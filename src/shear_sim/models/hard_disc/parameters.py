@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from shear_sim.models.interface import Point
 from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
@@ -59,7 +59,7 @@ class HardDisc(Section):
 
 
 class HardDiscSteadyShear(Section):
-    """Steady shear at fixed volume or at fixed pressure."""
+    """Steady shear at fixed area, at fixed pressure, or with imposed compression."""
 
     kind: Literal["steady"]
     strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")] = 1.0
@@ -70,9 +70,40 @@ class HardDiscSteadyShear(Section):
         float | None,
         Field(gt=0, description="p ξ₀/γ̇ [-], which the area of the cell keeps; none: fixed area"),
     ] = None
+    compression_ratio: Annotated[
+        float, Field(ge=-100, le=100, description="κ: imposed rate of compression of lengths / γ̇")
+    ] = 0.0
     transient: Annotated[
         Fraction, Field(description="part of the strain before means are taken")
     ] = 0.3
+
+    @model_validator(mode="after")
+    def _impose_one_of_both(self) -> Self:
+        if self.scaled_pressure is not None and self.compression_ratio != 0:
+            message = "at a fixed pressure the compression follows: leave one of both out"
+            raise Impossible([(("compression_ratio", "scaled_pressure"), message)])
+        return self
+
+
+def _not_zero(compression: float) -> float:
+    if compression == 0:
+        msg = "must not be 0: nothing would move"
+        raise ValueError(msg)
+    return compression
+
+
+class HardDiscCompression(Section):
+    """Isotropic compression (or decompression) without shear; ends where the discs are jammed."""
+
+    kind: Literal["compression"]
+    compression: Annotated[
+        float,
+        AfterValidator(_not_zero),
+        Field(ge=-2, le=2, description="ln(length before / after) of the cell; < 0 decompresses"),
+    ] = 0.1
+    rate: Annotated[
+        Positive, Field(description="its rate [1/s]: sets the units of time and stress")
+    ] = 1.0
 
 
 class HardDiscOscillatoryShear(Section):
@@ -96,7 +127,7 @@ class HardDiscRecord(Section):
         Field(
             ge=20,
             description="records after the first, evenly in time; default: 1,000 per unit strain, "
-            "400 per period",
+            "1,000 per unit compression, 400 per period",
         ),
     ] = None
 
@@ -107,7 +138,8 @@ class HardDiscPoint(Point):
     packing: HardDiscPacking = HardDiscPacking()
     model: HardDisc
     shear: Annotated[
-        HardDiscSteadyShear | HardDiscOscillatoryShear, Field(discriminator="kind")
+        HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression,
+        Field(discriminator="kind"),
     ] = HardDiscSteadyShear(kind="steady")
     record: HardDiscRecord = HardDiscRecord()
 
@@ -121,6 +153,8 @@ class HardDiscPoint(Point):
         shear = self.shear
         if isinstance(shear, HardDiscSteadyShear):
             default = max(20, math.ceil(1000 * shear.strain))
+        elif isinstance(shear, HardDiscCompression):
+            default = max(20, math.ceil(1000 * abs(shear.compression)))
         else:
             default = 400 * shear.periods
         rows = self.record.rows or default

@@ -15,6 +15,8 @@ from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
 from shear_sim.models.hard_disc.pairs import separations
 from shear_sim.models.hard_disc.parameters import (
     HardDisc,
+    HardDiscCompression,
+    HardDiscOscillatoryShear,
     HardDiscPacking,
     HardDiscPoint,
     HardDiscRecord,
@@ -27,7 +29,7 @@ from shear_sim.streams import Streams
 FloatArray = NDArray[np.float64]
 
 FIRST_COMPRESSION = 10.0  # κ at fixed pressure until the first contact
-MOST_START_STEPS = 200_000  # of one attempt at a start without overlap
+MOST_START_STEPS = 20_000  # of one attempt at a start without overlap
 
 
 class Packed:
@@ -54,6 +56,20 @@ class Packed:
         raise SimulationError(msg)
 
 
+def _drives(
+    shear: HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression, discs: int
+) -> list[Drive]:
+    """Return the drive of the path as it begins, and as it turns."""
+    free = np.zeros((2, discs))
+    if isinstance(shear, HardDiscCompression):
+        return [Drive(0.0, math.copysign(1.0, shear.compression), 0.0, free)]
+    if isinstance(shear, HardDiscOscillatoryShear):
+        return [Drive(sign, 0.0, 0.0, free) for sign in (1.0, -1.0)]
+    if shear.scaled_pressure is None:
+        return [Drive(1.0, shear.compression_ratio, 0.0, free)]
+    return [Drive(1.0, FIRST_COMPRESSION, shear.scaled_pressure, free)]
+
+
 class HardDiscSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
@@ -62,15 +78,10 @@ class HardDiscSimulation:
         shear = self.point.shear
         packed = Packed(point.packing, streams)
         self.preparation = {"attempts": packed.attempts, "start_steps": packed.steps}
-        pressure = getattr(shear, "scaled_pressure", None) or 0.0
-        n = point.packing.discs
-        self.drives = [
-            Drive(sign, FIRST_COMPRESSION if pressure else 0.0, pressure, np.zeros((2, n)))
-            for sign in (1.0, -1.0)
-        ]
+        self.drives = _drives(shear, point.packing.discs)
         self._plan()
         self.flow = Flow(
-            packed.x, packed.y, packed.radius, np.ones(n), packed.side, packed.side,
+            packed.x, packed.y, packed.radius, np.ones_like(packed.x), packed.side, packed.side,
             self.drives[0],
         )  # fmt: skip
         self.start_fraction = self.flow.packing_fraction
@@ -94,6 +105,12 @@ class HardDiscSimulation:
             self.time = self.path / shear.strain_rate
             self.rate = np.full(len(share), shear.strain_rate)
             self.turns = [shear.strain]
+            return
+        if isinstance(shear, HardDiscCompression):
+            self.path = abs(shear.compression) * share
+            self.time = self.path / shear.rate
+            self.strain = self.rate = np.zeros(len(share))
+            self.turns = [abs(shear.compression)]
             return
         omega = 2 * math.pi / shear.period
         half_turns = 2 * shear.periods * share  # whole and half turns are exact
@@ -179,7 +196,9 @@ class HardDiscSimulation:
             self.power_residual = max(self.power_residual, residual)
             self.least_force = min(self.least_force, float(phi.min() / phi.mean()))
         rate = float(self.rate[row])
-        pascal = abs(rate) / self.point.model.mobility
+        shear = self.point.shear
+        pascal = shear.rate if isinstance(shear, HardDiscCompression) else abs(rate)
+        pascal /= self.point.model.mobility
         counts = flow.counts
         discs = len(flow.x)
         self._table[:, row] = (
@@ -205,7 +224,7 @@ class HardDiscSimulation:
         }
         if isinstance(shear, HardDiscSteadyShear):
             protocol["strain_rate"] = shear.strain_rate
-        else:
+        elif isinstance(shear, HardDiscOscillatoryShear):
             protocol |= {
                 "strain_amplitude": shear.strain_amplitude,
                 "period": shear.period,
@@ -247,6 +266,13 @@ class HardDiscSimulation:
     def _measured(self) -> dict[str, float] | None:
         """Return means after the transient; None if the shear did not come to its end."""
         shear = self.point.shear
+        if isinstance(shear, HardDiscCompression):
+            return {
+                "final_packing_fraction": self.flow.packing_fraction,
+                "rattler_fraction": len(self.certificate["rattlers"]) / len(self.flow.x)
+                if self.certificate
+                else math.nan,
+            }
         if self.done < len(self.path) or not isinstance(shear, HardDiscSteadyShear):
             return None
         columns = self.columns()

@@ -226,8 +226,16 @@ class ActiveSet:
             self._keep(~wrong)
         self.settle(now, touch)
 
-    def settle(self, now: Instant, touch: float) -> list[int]:
+    def settle(self, now: Instant, touch: float, *, solved: bool = False) -> list[int]:
         """Make the forces those of this instant, from a set and forces near them.
+
+        Parameters
+        ----------
+        now : Instant
+        touch : float
+            Gap up to which pairs touch.
+        solved : bool
+            Whether the forces are those of the set already, so that only new contacts count.
 
         Returns
         -------
@@ -238,7 +246,9 @@ class ActiveSet:
         Jammed
             If no forces stop the discs.
         """
-        self._balance(now)
+        before = self.factorisations
+        if not solved:
+            self._balance(now)
         joined: list[int] = []
         refused = self.open_pairs.copy()
         while True:
@@ -247,13 +257,16 @@ class ActiveSet:
             pair, speed = most_violated(
                 *now[:5], refused, u, now.drive.shear, self.kappa, touch, tolerance
             )
-            if pair < 0:
+            if pair < 0 and self.factorisations > before:
                 return joined
-            before = self.open_pairs.copy()
+            if pair < 0:
+                self._balance(now)
+                continue
+            were_open = self.open_pairs.copy()
             if self._add(pair, speed, tolerance, now):
                 joined.append(pair)
             # What left on the way may come back; what did not join, depends or does not approach.
-            refused = np.where(self.open_pairs != before, self.open_pairs, refused)
+            refused = np.where(self.open_pairs != were_open, self.open_pairs, refused)
             refused[pair] = 0
 
     def drop(self, contact: int) -> None:

@@ -209,11 +209,11 @@ class Flow:
             look(motion, self.path, step)
         self._move(step, u, kappa, area)
         self._strained = strained
-        now.phi = evaluate(phi, step)
+        now.phi, now.kappa = evaluate(phi, step), float(evaluate(kappa, step))
         self._count(step, order, kind, error)
         if kind == OPENING:
             now.drop(which)
-        now.settle(self.instant(), self.touch)
+        now.settle(self.instant(), self.touch, solved=kind == COLLISION)
         self._close_gaps()
 
     def _move(self, step: float, u: Floats, kappa: Floats, area: Floats) -> None:

@@ -86,7 +86,9 @@ def expand(
     kappa[k] = 0.0 if free or k > 0 else kappa[k]
     for c in range(n):
         phi[k, c] = 0.0
-    # The second round solves for what round-off left of the first, where N is nearly singular.
+    # The second round solves for what round-off left of the first, where N is nearly singular;
+    # of higher orders a step sees little.
+    enough = 1e-14 if k == 0 else 1e-11
     for _ in range(2):
         if n > 0:
             found = solve(factor, b, load)
@@ -118,7 +120,7 @@ def expand(
                 load -= phi[k, c] * r[0, s, c] ** 2
                 largest = max(largest, abs(speed))
             worst = max(worst, abs(b[c]))
-        if worst <= 1e-14 * largest:
+        if worst <= enough * largest:
             break
     change = 0.0
     for m in range(k + 1):

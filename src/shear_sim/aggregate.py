@@ -285,7 +285,7 @@ def runs_table(
     return _table(found.assign(**data), columns, sort=["replicate"], parameters=parameters)
 
 
-_FLAG_NAMES = ("baseline_noisy", "surface_internal_differ", "not_at_rest", "jammed", "arrested")
+_FLAG_NAMES = ("baseline_noisy", "surface_internal_differ", "not_at_rest", "stopped_early")
 
 
 def _typed(values: "pd.Series[Any]", column: Column) -> "pd.Series[Any]":

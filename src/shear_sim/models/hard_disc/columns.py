@@ -27,21 +27,23 @@ DERIVED = (
     Column("shear_stress", "Pa", "−stress_xy"),
     Column("pressure", "Pa", "(stress_xx + stress_yy)/2"),
 )
-MEASURED = tuple(
-    (Column(name, unit, text), f"{'measured' if unit else 'flags'}.{name}")
-    for name, unit, text in (
-        ("scaled_shear_stress", "1", "mean of σ ξ₀/γ̇ after the transient"),
-        ("scaled_pressure", "1", "mean of p ξ₀/|γ̇| after the transient"),
-        ("friction_coefficient", "1", "μ = mean shear stress / mean pressure after the transient"),
-        ("contact_number", "1", "mean of 2 N_c/N after the transient"),
-        ("mean_packing_fraction", "1", "mean of φ after the transient"),
-        ("compression_ratio", "1", "mean of κ after the transient"),
-        ("events_per_disc_strain", "1", "events per disc and unit strain after the transient"),
-        ("final_packing_fraction", "1", "φ at the end of a compression"),
-        ("rattler_fraction", "1", "discs that bear no force, of a jammed packing"),
-        ("jammed", "", "ended with a certificate of jamming"),
-        ("arrested", "", "ended where events leave no room for motion"),
-    )
+MEASURED = (
+    (Column("status", "", "flowing (to the end), jammed (certified) or arrested"), "status"),
+    (Column("stopped_early", "", "jammed or arrested before its end"), "flags.stopped_early"),
+    *(
+        (Column(name, "1", text), f"measured.{name}")
+        for name, text in (
+            ("scaled_shear_stress", "mean of σ ξ₀/γ̇ after the transient"),
+            ("scaled_pressure", "mean of p ξ₀/|γ̇| after the transient"),
+            ("friction_coefficient", "μ = mean shear stress / mean pressure after the transient"),
+            ("contact_number", "mean of 2 N_c/N after the transient"),
+            ("mean_packing_fraction", "mean of φ after the transient"),
+            ("compression_ratio", "mean of κ after the transient"),
+            ("events_per_disc_strain", "events per disc and unit strain after the transient"),
+            ("final_packing_fraction", "φ at the end of a compression"),
+            ("rattler_fraction", "discs that bear no force, of a jammed packing"),
+        )
+    ),
 )
 
 

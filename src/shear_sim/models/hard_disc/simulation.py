@@ -258,8 +258,8 @@ class HardDiscSimulation:
             },
             "flags": {
                 "not_at_rest": False,
-                "jammed": self.status == "jammed",
-                "arrested": self.status == "arrested",
+                "stopped_early": self.stopped is not None
+                and not (self.status == "jammed" and isinstance(shear, HardDiscCompression)),
             },
         }
 

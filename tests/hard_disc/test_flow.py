@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hard_discs import overlap, packed_flow
 
+from shear_sim.models.hard_disc.checkpoint import freeze, thaw
 from shear_sim.models.hard_disc.factor import Factor, back_substitute, factorise
 from shear_sim.models.hard_disc.series import first_crossing
 
@@ -118,3 +119,22 @@ def test_first_crossing(coefficients, end, expected):
     p = np.array(coefficients)
     found = first_crossing(p, len(p) - 1, end, 1e-13)
     assert found == pytest.approx(expected, abs=2e-7 if expected != 0.5 else 1e-10)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 30.0])
+def test_a_split_run_equals_a_whole_run_to_the_bit(pressure, tmp_path):
+    whole = packed_flow(shear=1, compression=10.0 if pressure else 0.0, pressure=pressure)
+    for step in range(240):
+        if step == 120:
+            np.savez(tmp_path / "state.npz", **freeze(whole))
+        whole.step(5.0)
+    with np.load(tmp_path / "state.npz") as kept:
+        again = thaw(kept)
+    for _ in range(120):
+        again.step(5.0)
+    one, other = freeze(whole), freeze(again)
+    assert one.keys() == other.keys()
+    for name, values in one.items():
+        assert values.dtype == other[name].dtype
+        assert values.tobytes() == other[name].tobytes(), name
+    assert whole.counts.rebuilds > 3

@@ -225,7 +225,7 @@ class Flow:
         self.offset += self.drive.shear * step * self.height
         if squeeze:
             self._scale(math.sqrt(float(evaluate(area, step)) / self.area))
-        self._separate()
+        self.separate()
 
     def _scale(self, factor: float) -> None:
         self.width *= factor
@@ -267,9 +267,9 @@ class Flow:
             if squeeze:
                 self.squeezed += squeeze
                 self._scale(1.0 - squeeze)
-            self._separate()
+            self.separate()
 
-    def _separate(self) -> None:
+    def separate(self) -> None:
         """Bring separations and gaps of the candidates up to date."""
         separations(
             self.x, self.y, self.width, self.height, self.offset, *self.pairs,
@@ -308,7 +308,7 @@ class Flow:
         # A pair that comes to touch was at most this far apart, but for some strain of it.
         self._range = 2.0 * float(self.radius.max()) + self.skin
         self.counts.rebuilds += 1
-        self._separate()
+        self.separate()
         self.set.renumber(place.astype(np.int32), len(i))
         if len(place):
             self.set.settle(self.instant(), self.touch)

@@ -2,9 +2,12 @@
 
 import numpy as np
 
+from shear_sim.models import hard_disc
 from shear_sim.models.hard_disc.active_set import Drive, Instant
 from shear_sim.models.hard_disc.flow import Flow
 from shear_sim.models.hard_disc.overlap_free import push_apart
+from shear_sim.models.hard_disc.parameters import HardDiscPoint
+from shear_sim.streams import Streams
 
 
 def drive(discs, shear=0.0, compression=0.0, pressure=0.0, velocity=None):
@@ -83,3 +86,16 @@ def forces(found, now):
     phi = np.zeros(len(now.i))
     phi[found.pairs] = found.phi
     return phi
+
+
+def point(**sections):
+    packing = {"discs": 32, "packing_fraction": 0.8} | sections.pop("packing", {})
+    model = {"kind": "hard_disc"} | sections.pop("model", {})
+    return HardDiscPoint.model_validate({"packing": packing, "model": model, **sections})
+
+
+def finished(given, block=10_000, seed=3):
+    simulation = hard_disc.start(given, Streams(seed, 0))
+    while simulation.done < simulation.rows:
+        simulation.advance(block)
+    return simulation

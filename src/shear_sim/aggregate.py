@@ -32,6 +32,7 @@ POINT_TABLES = {
     "oscillatory": ("moduli", ("storage_modulus", "loss_modulus", "complex_modulus", "tan_delta")),
     "steady": ("steady", ("shear_stress", "viscosity", "stress_ratio")),
     "compression": ("compression", ()),
+    "self_propelled": ("self_propelled", ()),
 }
 _TENSORS = {"periodic": "", "internal": "_internal", "external": "_external"}
 

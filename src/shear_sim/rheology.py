@@ -30,6 +30,7 @@ TENSORS = {
     "internal": "shear_stress_internal",
     "external": "shear_stress_external",
 }
+WITHOUT_RHEOLOGY = ("compression", "self_propelled")  # kinds of protocol
 HARMONICS = 9
 BASELINE_LIMIT = 0.10  # peak to peak at rest / stress amplitude: the authors' own quality limit
 SURFACE_LIMIT = 0.30  # |G| from external against internal forces: the same
@@ -260,7 +261,8 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         (``baseline_noisy``: the first over 10 %; ``surface_internal_differ``: the second more than
         30 % from 1). Steady shear: ``steady`` (see `steady_shear`) and ``flags``. A quantity that
         does not exist, such as a baseline without a rest, is None. Where nothing can be fitted,
-        ``flags["no_moduli"]`` (``"no_steady"``) holds the reason. Compression has no rheology.
+        ``flags["no_moduli"]`` (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`:
+        ``flags``, without any.
 
     Raises
     ------
@@ -269,7 +271,7 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
     """
     if protocol["kind"] == "steady":
         return _summarise_steady(columns, protocol)
-    if protocol["kind"] == "compression":
+    if protocol["kind"] in WITHOUT_RHEOLOGY:
         return {"flags": {}}
     if protocol["kind"] != "oscillatory":
         msg = f"protocol kind {protocol['kind']!r} is neither 'oscillatory' nor 'steady'"

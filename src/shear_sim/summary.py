@@ -18,6 +18,7 @@ _SHOWN = {
     "moduli": {"storage_modulus": "G′", "loss_modulus": "G″"},
     "steady": {"shear_stress": "τ", "viscosity": "η"},
     "compression": {"final_packing_fraction": "φ"},
+    "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
 }
 
 

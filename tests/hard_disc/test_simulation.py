@@ -2,29 +2,15 @@
 
 import numpy as np
 import pytest
+from hard_discs import finished, point
 
 from shear_sim.models import hard_disc
-from shear_sim.models.hard_disc.parameters import HardDiscPoint
 from shear_sim.models.interface import SimulationError
 from shear_sim.results import read_job
 from shear_sim.rheology import summarise
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, read_study
-
-
-def point(**sections):
-    packing = {"discs": 32, "packing_fraction": 0.8} | sections.pop("packing", {})
-    model = {"kind": "hard_disc"} | sections.pop("model", {})
-    return HardDiscPoint.model_validate({"packing": packing, "model": model, **sections})
-
-
-def finished(given, block=10_000, seed=3):
-    simulation = hard_disc.start(given, Streams(seed, 0))
-    while simulation.done < simulation.rows:
-        simulation.advance(block)
-    return simulation
-
 
 STEADY = {"kind": "steady", "strain": 0.4}
 

@@ -39,7 +39,8 @@ MEASURED = (
             ("contact_number", "mean of 2 N_c/N after the transient"),
             ("mean_packing_fraction", "mean of φ after the transient"),
             ("compression_ratio", "mean of κ after the transient"),
-            ("events_per_disc_strain", "events per disc and unit strain after the transient"),
+            ("nonaffine_speed", "mean of the root mean square of u after the transient"),
+            ("events_per_disc_path", "events per disc and unit strain (τ) after the transient"),
             ("final_packing_fraction", "φ at the end of a compression"),
             ("rattler_fraction", "discs that bear no force, of a jammed packing"),
         )

@@ -162,6 +162,17 @@ class Flow:
         self.drive = drive
         self.set.start(self.instant(), self.touch)
 
+    def steer(self, drive: Drive) -> None:
+        """Change the drive a little: most contacts stay.
+
+        Raises
+        ------
+        Jammed
+            If no forces stop the discs.
+        """
+        self.drive = drive
+        self.set.settle(self.instant(), self.touch)
+
     def advance(self, end: float, look: Look | None = None) -> None:
         """Go on to ``path`` = ``end``.
 

@@ -119,6 +119,31 @@ class HardDiscOscillatoryShear(Section):
     periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
 
 
+class HardDiscSelfPropulsion(Section):
+    """Discs that push themselves: a force on each, of mean square 1, in units of τ = λ/(f ξ₀)."""
+
+    kind: Literal["self_propelled"]
+    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    persistence: Annotated[
+        Positive, Field(description="a force lasts a time uniform between 0 and this [τ]")
+    ] = 10.0
+    force: Annotated[
+        Literal["uniform", "fixed"],
+        Field(description="magnitude: uniform from 0 (paper, section V B), or the same for all"),
+    ] = "uniform"
+    time_unit: Annotated[
+        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    transient: Annotated[
+        Fraction, Field(description="part of the duration before means are taken")
+    ] = 0.3
+
+
+HardDiscShear = (
+    HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression | HardDiscSelfPropulsion
+)
+
+
 class HardDiscRecord(Section):
     """How often a record is made. Records never change the motion."""
 
@@ -127,7 +152,7 @@ class HardDiscRecord(Section):
         Field(
             ge=20,
             description="records after the first, evenly in time; default: 1,000 per unit strain, "
-            "1,000 per unit compression, 400 per period",
+            "1,000 per unit compression, 400 per period, 10 per τ",
         ),
     ] = None
 
@@ -137,10 +162,9 @@ class HardDiscPoint(Point):
 
     packing: HardDiscPacking = HardDiscPacking()
     model: HardDisc
-    shear: Annotated[
-        HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression,
-        Field(discriminator="kind"),
-    ] = HardDiscSteadyShear(kind="steady")
+    shear: Annotated[HardDiscShear, Field(discriminator="kind")] = HardDiscSteadyShear(
+        kind="steady"
+    )
     record: HardDiscRecord = HardDiscRecord()
 
     @property
@@ -155,6 +179,8 @@ class HardDiscPoint(Point):
             default = max(20, math.ceil(1000 * shear.strain))
         elif isinstance(shear, HardDiscCompression):
             default = max(20, math.ceil(1000 * abs(shear.compression)))
+        elif isinstance(shear, HardDiscSelfPropulsion):
+            default = max(20, math.ceil(10 * shear.duration))
         else:
             default = 400 * shear.periods
         rows = self.record.rows or default

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.hard_disc.active_set import Drive, Jammed, velocities
+from shear_sim.models.hard_disc.active_set import Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify
 from shear_sim.models.hard_disc.columns import COLUMNS
+from shear_sim.models.hard_disc.driving import make_driving, make_records
 from shear_sim.models.hard_disc.flow import Arrested, Dense, Flow, evaluate
 from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
 from shear_sim.models.hard_disc.pairs import separations
@@ -28,7 +29,6 @@ from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 
-FIRST_COMPRESSION = 10.0  # κ at fixed pressure until the first contact
 MOST_START_STEPS = 20_000  # of one attempt at a start without overlap
 
 
@@ -56,20 +56,6 @@ class Packed:
         raise SimulationError(msg)
 
 
-def _drives(
-    shear: HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression, discs: int
-) -> list[Drive]:
-    """Return the drive of the path as it begins, and as it turns."""
-    free = np.zeros((2, discs))
-    if isinstance(shear, HardDiscCompression):
-        return [Drive(0.0, math.copysign(1.0, shear.compression), 0.0, free)]
-    if isinstance(shear, HardDiscOscillatoryShear):
-        return [Drive(sign, 0.0, 0.0, free) for sign in (1.0, -1.0)]
-    if shear.scaled_pressure is None:
-        return [Drive(1.0, shear.compression_ratio, 0.0, free)]
-    return [Drive(1.0, FIRST_COMPRESSION, shear.scaled_pressure, free)]
-
-
 class HardDiscSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
@@ -78,11 +64,13 @@ class HardDiscSimulation:
         shear = self.point.shear
         packed = Packed(point.packing, streams)
         self.preparation = {"attempts": packed.attempts, "start_steps": packed.steps}
-        self.drives = _drives(shear, point.packing.discs)
-        self._plan()
+        assert self.point.record.rows is not None  # noqa: S101 - by resolved()
+        self.records = make_records(shear, self.point.record.rows)
+        self.path = self.records.path
+        self.driving = make_driving(shear, point.packing.discs, streams)
         self.flow = Flow(
             packed.x, packed.y, packed.radius, np.ones_like(packed.x), packed.side, packed.side,
-            self.drives[0],
+            self.driving.drive,
         )  # fmt: skip
         self.start_fraction = self.flow.packing_fraction
         self.done = 0
@@ -90,39 +78,9 @@ class HardDiscSimulation:
         self.certificate: dict[str, Any] | None = None
         self.stopped: str | None = None
         self._made = 0
-        self._segment = 0
         self._table = np.empty((len(COLUMNS), len(self.path)))
         self.power_residual = 0.0
         self.least_force = 0.0
-
-    def _plan(self) -> None:
-        """Set time, strain, rate and path of every record, and where the path turns."""
-        shear = self.point.shear
-        assert self.point.record.rows is not None  # noqa: S101 - by resolved()
-        share = np.linspace(0.0, 1.0, self.point.record.rows + 1)
-        if isinstance(shear, HardDiscSteadyShear):
-            self.path = self.strain = shear.strain * share
-            self.time = self.path / shear.strain_rate
-            self.rate = np.full(len(share), shear.strain_rate)
-            self.turns = [shear.strain]
-            return
-        if isinstance(shear, HardDiscCompression):
-            self.path = abs(shear.compression) * share
-            self.time = self.path / shear.rate
-            self.strain = self.rate = np.zeros(len(share))
-            self.turns = [abs(shear.compression)]
-            return
-        omega = 2 * math.pi / shear.period
-        half_turns = 2 * shear.periods * share  # whole and half turns are exact
-        amplitude = shear.strain_amplitude
-        self.time = shear.period * shear.periods * share
-        self.strain = amplitude * np.sin(math.pi * (half_turns % 2.0))
-        self.rate = amplitude * omega * np.cos(math.pi * (half_turns % 2.0))
-        segment = np.floor(half_turns + 0.5)
-        sign = np.where(segment % 2 == 0, 1.0, -1.0)
-        self.path = 2 * amplitude * segment + sign * self.strain
-        self.turns = [amplitude * (1 + 2 * k) for k in range(2 * shear.periods)]
-        self.turns.append(4 * amplitude * shear.periods)
 
     @property
     def rows(self) -> int:
@@ -136,11 +94,10 @@ class HardDiscSimulation:
             while self._made < wanted:
                 if self._made == 0:
                     self._first()
-                elif self.flow.path < self.turns[self._segment]:
-                    self.flow.step(self.turns[self._segment], self._look)
-                elif self._segment + 1 < len(self.turns):
-                    self._segment += 1
-                    self.flow.turn(self.drives[self._segment % 2])
+                elif self.flow.path < min(self.driving.until, self.path[-1]):
+                    self.flow.step(min(self.driving.until, float(self.path[-1])), self._look)
+                elif self.driving.until < self.path[-1]:
+                    self.driving.change(self.flow)
                 else:  # the last record is the end of the path, to round-off
                     self._first()
         except Jammed as jam:
@@ -189,21 +146,24 @@ class HardDiscSimulation:
         drive = flow.drive
         xx, xy, yy = ((phi * a * b).sum() / area for a, b in ((rx, rx), (rx, ry), (ry, ry)))
         u = velocities(i, j, rx, ry, phi, flow.mobility, drive.drift)
-        power = float((u**2 / flow.mobility).sum())
-        put_in = -area * drive.shear * xy, area * kappa * (xx + yy)
+        moving = flow.mobility > 0.0
+        force = drive.drift[:, moving] / flow.mobility[moving]
+        power = float((u[:, moving] ** 2 / flow.mobility[moving]).sum())
+        put_in = (
+            -area * drive.shear * xy, area * kappa * (xx + yy), float((u[:, moving] * force).sum()),
+        )  # fmt: skip
         if len(phi):
-            residual = abs(power - sum(put_in)) / (abs(put_in[0]) + abs(put_in[1]))
+            residual = abs(power - sum(put_in)) / sum(map(abs, put_in))
             self.power_residual = max(self.power_residual, residual)
             self.least_force = min(self.least_force, float(phi.min() / phi.mean()))
-        rate = float(self.rate[row])
-        shear = self.point.shear
-        pascal = shear.rate if isinstance(shear, HardDiscCompression) else abs(rate)
-        pascal /= self.point.model.mobility
+        records = self.records
+        pascal = float(records.path_rate[row]) / self.point.model.mobility
         counts = flow.counts
         discs = len(flow.x)
         self._table[:, row] = (
-            self.time[row], self.strain[row], rate, xx * pascal, xy * pascal, yy * pascal,
-            -drive.shear * xy, 0.5 * (xx + yy), 2 * len(phi) / discs,
+            records.time[row], records.strain[row], records.strain_rate[row],
+            xx * pascal, xy * pascal, yy * pascal,
+            -xy * (drive.shear or 1.0), 0.5 * (xx + yy), 2 * len(phi) / discs,
             math.pi * float((flow.radius**2).sum()) / area, kappa, squeezed,
             math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
         )  # fmt: skip
@@ -219,8 +179,8 @@ class HardDiscSimulation:
             "kind": shear.kind,
             "tensors": ["periodic"],
             "shear_start": 0.0,
-            "shear_end": float(self.time[-1]),
-            "end": float(self.time[-1]),
+            "shear_end": float(self.records.time[-1]),
+            "end": float(self.records.time[-1]),
         }
         if isinstance(shear, HardDiscSteadyShear):
             protocol["strain_rate"] = shear.strain_rate
@@ -264,30 +224,29 @@ class HardDiscSimulation:
         }
 
     def _measured(self) -> dict[str, float] | None:
-        """Return means after the transient; None if the shear did not come to its end."""
+        """Return means after the transient; None if the run did not come to its end."""
         shear = self.point.shear
         if isinstance(shear, HardDiscCompression):
-            return {
-                "final_packing_fraction": self.flow.packing_fraction,
-                "rattler_fraction": len(self.certificate["rattlers"]) / len(self.flow.x)
-                if self.certificate
-                else math.nan,
-            }
-        if self.done < len(self.path) or not isinstance(shear, HardDiscSteadyShear):
+            found = {"final_packing_fraction": self.flow.packing_fraction}
+            if self.certificate:
+                found["rattler_fraction"] = len(self.certificate["rattlers"]) / len(self.flow.x)
+            return found
+        if self.done < len(self.path) or isinstance(shear, HardDiscOscillatoryShear):
             return None
         columns = self.columns()
-        late = self.path >= shear.transient * shear.strain
+        late = self.path >= shear.transient * self.path[-1]
         mean = {name: float(values[late].mean()) for name, values in columns.items()}
-        strain = float(np.ptp(self.path[late]))
         return {
             "scaled_shear_stress": mean["scaled_shear_stress"],
             "scaled_pressure": mean["scaled_pressure"],
-            "friction_coefficient": mean["scaled_shear_stress"] / mean["scaled_pressure"],
+            "friction_coefficient": mean["scaled_shear_stress"]
+            / (mean["scaled_pressure"] or math.nan),
             "contact_number": mean["contact_number"],
             "mean_packing_fraction": mean["packing_fraction"],
             "compression_ratio": mean["compression_ratio"],
-            "events_per_disc_strain": float(np.ptp(columns["events"][late]))
-            / (strain * self.point.packing.discs),
+            "nonaffine_speed": mean["nonaffine_speed"],
+            "events_per_disc_path": float(np.ptp(columns["events"][late]))
+            / (float(np.ptp(self.path[late])) * self.point.packing.discs),
         }
 
 

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from shear_sim.models.microgel import derive, start
 from shear_sim.models.microgel.parameters import Damping, Links, Microgel, MicrogelPoint
-from shear_sim.models.microgel.state import Pairs
+from shear_sim.models.microgel.simulation import take_pairs
+from shear_sim.models.microgel.state import NX, NY, column
 from shear_sim.packing import Packing
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams
@@ -83,10 +84,8 @@ def angular_momentum(arms: str, periods: float = 20, discs: int = 60) -> FloatAr
         shear=OscillatoryShear(pre_periods=periods, periods=1),  # only the rest is run
     )
     simulation = start(point, Streams(0, 0))
-    d, pairs = simulation.discs, simulation.pairs
-    inside = (pairs.nx == 0) & (pairs.ny == 0)
-    simulation.n_links = int(inside[: simulation.n_links].sum())
-    simulation.pairs = Pairs(*(field[inside] for field in pairs))
+    d, links = simulation.discs, simulation.links
+    simulation.links = take_pairs(links, (column(links, NX) == 0) & (column(links, NY) == 0))
     simulation.constants = simulation.constants._replace(periodic=False)
     rng = np.random.default_rng(0)
     turning = 2 * np.pi / (simulation.clock.step * simulation.clock.per_period)

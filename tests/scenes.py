@@ -24,7 +24,7 @@ from shear_sim.models.microgel.simulation import (
     make_pairs,
     prepare,
 )
-from shear_sim.models.microgel.state import COULOMB, STEADY, Clock, Constants
+from shear_sim.models.microgel.state import STEADY, Clock, Constants
 from shear_sim.packing import Cell, Packing
 from shear_sim.protocol import OscillatoryShear, SteadyShear
 from shear_sim.streams import Streams
@@ -47,7 +47,7 @@ def constants(**changes):
         "k": 0.0, "kt": 0.0, "eta": 0.0, "etat": 0.0,
         "link_k": 0.0, "link_kt": 0.0, "link_eta": 0.0, "link_etat": 0.0,
         "friction": 0.0, "law": (0.0, 1.0, 1.0, 1.0), "may_pull": True, "stretched_dashpot": True,
-        "sliding": COULOMB, "contact_arms_in_velocity": True, "contact_arms_in_torque": True,
+        "plates": False, "contact_arms_in_velocity": True, "contact_arms_in_torque": True,
         "damping": 0.0, "spin_damping": 0.0, "spin_target": 0.0, "affine": True, "skin": 12.0,
         "step_stiffness": 1e9, "step_rolling": 1e9, "step_dashpot": 1e9, "step_strain": 0.03,
     }  # fmt: skip
@@ -72,10 +72,11 @@ def scene(
     tangential=True,
     law=laws.divergent,
     euler=False,
+    reset=False,
     **changes,
 ):
     """Return a simulation of a few discs in steady shear (or at rest), a record at every step."""
-    c = constants(**changes)
+    c = constants(plates=plates, **changes)
     radius = np.broadcast_to(np.asarray(radius, float), len(position))
     mass = np.ones(len(radius)) if mass is None else np.asarray(mass, float)
     discs = make_discs(
@@ -92,8 +93,8 @@ def scene(
         integrator=Integrator(scheme="semi_implicit_euler" if euler else "velocity_verlet"),
     )
     return MicrogelSimulation(
-        point, kernels_for(law, tangential), discs, make_pairs(links, images), len(links), c,
-        clock, {},
+        point, kernels_for(law, tangential, reset=reset), discs, make_pairs(links, images),
+        make_pairs(), c, clock, {},
     )  # fmt: skip
 
 
@@ -150,7 +151,7 @@ def evaluate(simulation, strain=0.0, rate=0.0):
     """Evaluate forces at this instant, without moving springs; return forces (N, 2) and torques."""
     s, w = simulation, simulation.work
     w.px[:], w.py[:], w.pspin[:] = s.discs.cx, s.discs.cy, s.discs.spin
-    s.kernels.contact_forces(s.discs, w, s.pairs, s.n_links, s.constants, strain, rate, 0.0, True)
+    s.kernels.contact_forces(s.discs, w, s.links, s.contacts, s.constants, strain, rate, 0.0, True)
     return SimpleNamespace(
         force=np.column_stack([w.fx, w.fy]), torque=w.torque.copy(), sums=w.tensors.copy()
     )

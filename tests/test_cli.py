@@ -73,6 +73,14 @@ def test_the_limit_says_what_exit_code_0_means_then():
     assert "exit code 0 then does not mean that all jobs are done" in " ".join(shown.split())
 
 
+@pytest.mark.parametrize("module", ["shear_sim", "shear_sim.cli"])
+def test_the_module_is_the_command(module, environment):
+    command = [sys.executable, "-m", module]
+    shown = subprocess.check_output([*command, "--version"], env=environment, text=True)
+    assert shown == f"shear-sim {version('shear-sim')}\n"
+    assert subprocess.run([*command, "plan"], env=environment, capture_output=True).returncode == 2
+
+
 def test_version(environment):
     assert run(environment, "--version") == (0, f"shear-sim {version('shear-sim')}\n")
 
@@ -128,6 +136,23 @@ def test_status_for_people_and_for_scripts(swept):
     assert (status["planned"], status["done"], status["missing"]) == (6, 3, 0)
     assert len(status["failed"]) == 3
     assert status["cpu_s"] > 0
+
+
+def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "results/study")
+    shutil.copytree(folder / "results/study", results.folder)
+    for path in results.jobs.iterdir():
+        path.write_bytes(path.read_bytes()[:-5])
+    results.index_file.unlink(missing_ok=True)
+    study = (folder / "study.yaml", "--results", tmp_path / "results")
+    for command, code in (("plan", 0), ("sweep", 1), ("status", 0)):
+        ended, output = run(env, command, *study)
+        assert ended == code, output
+        assert "warning: 3 damaged result file(s) left out" in output
+        assert "delete them and run `shear-sim sweep` again" in output
+        assert "3 done" in output or "3 of 6 jobs done" in output
+    assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
 
 
 def test_show_a_result_and_a_failure(swept):
@@ -204,10 +229,12 @@ def test_run_records_a_failure(swept, tmp_path):
     folder, env, _ = swept
     failed = min(Results(folder / "results/study").failures())
     arguments = ("run", folder / "study.yaml", "--job", failed, "--results", tmp_path)
-    code, output = run(env, *arguments)
-    assert code == 1
-    assert f"failed: job {failed} (physics): the spring broke" in output
-    assert Results(tmp_path / "study").failures().keys() == {failed}
+    for tries in (1, 2, 3):
+        code, output = run(env, *arguments)
+        assert code == 1
+        assert f"failed: job {failed} (physics): the spring broke" in output
+        recorded = Results(tmp_path / "study").failures()
+        assert {job: failure.tries for job, failure in recorded.items()} == {failed: tries}
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,13 @@ import os
 import time
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from kelvin_voigt import COLUMNS
 
 from shear_sim import results as module
 from shear_sim.results import Failure, Results, ResultsError, find_job
-from shear_sim.tables import write_table
+from shear_sim.tables import write_arrow, write_table
 
 
 @pytest.fixture
@@ -65,6 +66,40 @@ def test_only_new_results_are_read_and_deleted_ones_go(results, monkeypatch):
     for path in results.jobs.iterdir():
         path.unlink()
     assert results.index().num_rows == 0
+
+
+@pytest.mark.parametrize("change", ["size", "time"])
+def test_a_replaced_result_is_read_again(results, monkeypatch, change):
+    """Another size or another time of change is enough."""
+    write_job(results, "a" * 16)
+    write_job(results, "b" * 16)
+    path = results.job_file("a" * 16)
+    before = path.stat()
+    assert results.index().column("moduli.periodic.storage").to_pylist() == [1.0, 1.0]
+    if change == "size":
+        write_job(results, "a" * 16, storage=2.0, flags={"noisy": True})
+        os.utime(path, ns=(before.st_mtime_ns, before.st_mtime_ns))
+        assert path.stat().st_size != before.st_size
+    else:
+        write_job(results, "a" * 16, storage=2.0)
+        os.utime(path, ns=(before.st_mtime_ns, before.st_mtime_ns + 1000))
+        assert path.stat().st_size == before.st_size
+    read = []
+    original = module.read_summary
+    monkeypatch.setattr(module, "read_summary", lambda path: read.append(path) or original(path))
+    for _ in range(2):
+        table = results.index()
+        assert table.column("job").to_pylist() == ["a" * 16, "b" * 16]
+        assert table.column("moduli.periodic.storage").to_pylist() == [2.0, 1.0]
+        assert table.column("bytes").to_pylist()[0] == path.stat().st_size
+    assert read == [results.index_file, path, results.index_file]
+
+
+def test_an_index_of_an_older_format_is_made_again_silently(results):
+    write_job(results, "a" * 16)
+    old = pa.table({"job": ["a" * 16], "bytes": [1], "moduli.periodic.storage": [7.0]})
+    write_arrow(results.index_file, old, {"format": 1})
+    assert results.index().column("moduli.periodic.storage").to_pylist() == [1.0]
 
 
 def test_a_damaged_index_is_made_again(results):

@@ -48,7 +48,7 @@ def run_study(
     results : path
         Results go to ``results/<study>/``; what is there already is not run again.
     jobs : int, optional
-        Number of worker processes; default: what Slurm gave, else all cores.
+        Number of worker processes, at least 1; default: what Slurm gave, else all cores.
     retry_failed : bool
         Also try again what failed by physics.
 
@@ -61,7 +61,7 @@ def run_study(
 
     Raises
     ------
-    StudyError, ResultsError, SweepError
+    StudyError, PlanError, ResultsError, SweepError
         If nothing can run; each says why and what to do.
     KeyboardInterrupt, SystemExit
         If a signal stopped the sweep; what is finished is kept.

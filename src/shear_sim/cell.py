@@ -22,13 +22,17 @@ def turns_of(strain: float, width: float, height: float) -> int:
 @jit
 def wrap_count(
     x: Floats, y: Floats, width: float, height: float, offset: float, wx: Ints, wy: Ints
-) -> None:
+) -> bool:
     """Write to ``wx``, ``wy`` (N,) in which image of the cell each disc is.
 
     Positions (N,) and sizes in m; ``offset`` is the displacement of the upper image in x [m].
+    Returns whether any of them has changed.
     """
+    changed = 0
     for i in range(x.shape[0]):
         ny = np.floor(y[i] / height)
         nx = np.floor((x[i] - ny * offset) / width)
-        wx[i] = int(nx)
-        wy[i] = int(ny)
+        changed |= (wx[i] ^ np.int32(nx)) | (wy[i] ^ np.int32(ny))
+        wx[i] = np.int32(nx)
+        wy[i] = np.int32(ny)
+    return changed != 0

@@ -353,3 +353,7 @@ def _explain(error: Exception) -> int:
             "This is an error of the program; `shear-sim --debug ...` shows where.", err=True
         )
     return FAILED
+
+
+if __name__ == "__main__":  # python -m shear_sim.cli
+    main()

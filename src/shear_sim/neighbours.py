@@ -34,56 +34,57 @@ def find_pairs(
     """
     n = x.shape[0]
     reach = 2.0 * radius.max() + skin
-    columns = max(1, int(width / reach))
-    rows = max(1, int(height / reach))
-    # More cells than discs only cost memory.
-    columns = min(columns, max(1, int(np.sqrt(float(n)) * 2.0) + 1))
-    rows = min(rows, max(1, int(np.sqrt(float(n)) * 2.0) + 1))
+    # Low, narrow cells hold few discs out of reach; more cells than discs only cost memory.
+    most = max(1, int(4.0 * np.sqrt(float(n))))
+    columns = min(max(1, int(4.0 * width / reach)), most)
+    rows = min(max(1, int(2.0 * height / reach)), most)
     cell_width = width / columns
     cell_height = height / rows
+    higher = int(np.ceil(reach / cell_height))  # rows above a disc's own that it reaches
 
-    column = np.empty(n, np.int32)
-    row = np.empty(n, np.int32)
+    cell = np.empty(n, np.int32)
     first = np.zeros(columns * rows + 1, np.int32)
     for a in range(n):
-        column[a] = min(int(x[a] / cell_width), columns - 1)
-        row[a] = min(int(y[a] / cell_height), rows - 1)
-        first[row[a] * columns + column[a] + 1] += 1
+        row = min(int(y[a] / cell_height), rows - 1)
+        cell[a] = row * columns + min(int(x[a] / cell_width), columns - 1)
+        first[cell[a] + 1] += 1
     for c in range(columns * rows):
         first[c + 1] += first[c]
+    # Discs sorted by cell: those of neighbouring columns follow each other in memory.
     fill = first[:-1].copy()
     member = np.empty(n, np.int32)
+    sx, sy, sr = np.empty(n), np.empty(n), np.empty(n)
     for a in range(n):
-        c = row[a] * columns + column[a]
-        member[fill[c]] = a
-        fill[c] += 1
+        to = fill[cell[a]]
+        fill[cell[a]] += 1
+        member[to], sx[to], sy[to], sr[to] = a, x[a], y[a], radius[a]
 
     capacity = 8 * n + 64
     found = np.empty((4, capacity), np.int32)
     count = 0
     per_disc = np.zeros(n + 1, np.int32)
     for a in range(n):
-        for up in range(2):
-            ny = 0
-            r = row[a] + up
-            if r == rows:
-                r = 0
-                ny = 1
+        for up in range(higher + 1):
+            row = cell[a] // columns + up
+            ny = row // rows
+            row -= ny * rows
             shift = ny * offset
-            left = int(np.floor((x[a] - reach - shift) / cell_width))
-            right = int(np.floor((x[a] + reach - shift) / cell_width))
-            for c in range(left, right + 1):
-                nx = c // columns
-                cc = r * columns + c - nx * columns
-                for m in range(first[cc], first[cc + 1]):
-                    b = member[m]
-                    # In its own row a pair is seen from both sides, and once is enough.
-                    if a == b or (up == 0 and (nx < 0 or (nx == 0 and b < a))):
-                        continue
-                    dx = x[b] - x[a] + nx * width + shift
-                    dy = y[b] - y[a] + ny * height
-                    near = radius[a] + radius[b] + skin
+            x0, y0 = x[a] - shift, y[a] - ny * height
+            # In its own row a disc looks to the right, and every pair is seen once.
+            left = int(np.floor((x0 - (reach if up else 0.0)) / cell_width))
+            right = int(np.floor((x0 + reach) / cell_width))
+            for nx in range(left // columns, right // columns + 1):
+                base = (row - nx) * columns
+                begin = first[max(left + base, row * columns)]
+                end = first[min(right + base, (row + 1) * columns - 1) + 1]
+                xn = x0 - nx * width
+                for m in range(begin, end):
+                    dx, dy = sx[m] - xn, sy[m] - y0
+                    near = radius[a] + sr[m] + skin
                     if dx * dx + dy * dy >= near * near:
+                        continue
+                    b = member[m]
+                    if a == b or (up == 0 and (dx < 0.0 or (dx == 0.0 and b < a))):
                         continue
                     if count == capacity:
                         capacity *= 2
@@ -93,15 +94,11 @@ def find_pairs(
                                 larger[q, old] = found[q, old]
                         found = larger
                     if a < b:
-                        found[0, count] = a
-                        found[1, count] = b
-                        found[2, count] = nx
-                        found[3, count] = ny
+                        found[0, count], found[1, count] = a, b
+                        found[2, count], found[3, count] = nx, ny
                     else:
-                        found[0, count] = b
-                        found[1, count] = a
-                        found[2, count] = -nx
-                        found[3, count] = -ny
+                        found[0, count], found[1, count] = b, a
+                        found[2, count], found[3, count] = -nx, -ny
                     per_disc[found[0, count] + 1] += 1
                     count += 1
 

@@ -177,8 +177,16 @@ def make_plan(
     retry_failed : bool
         Also run jobs that failed by physics.
     jobs : int, optional
-        Number of workers; see `default_workers`.
+        Number of workers, at least 1; see `default_workers`.
+
+    Raises
+    ------
+    PlanError
+        If ``jobs`` is no number above 0, or Slurm's variable holds none.
     """
+    if jobs is not None and jobs < 1:
+        msg = f"jobs={jobs}: must be a whole number above 0; None is as many as there are cores"
+        raise PlanError(msg)
     points = {job.id: point for point, of in study.groups().items() for job in of}
     part = study.jobs()[shard[0] :: shard[1]]
     finished, failures = results.finished(), results.failures()
@@ -218,8 +226,11 @@ def _measured(
     cpu_s, wall_s = Costs(), Costs()
     if not any_finished:
         return cpu_s, wall_s, None, None
+    index = results.index()
+    if not index.num_rows:  # all damaged
+        return cpu_s, wall_s, None, None
     names = ["job", "run.cpu_s", "run.wall_s", "bytes", "run.peak_memory_mb"]
-    rows = results.index().select(names).to_pydict()
+    rows = index.select(names).to_pydict()
     for job, cpu, wall in zip(rows["job"], rows["run.cpu_s"], rows["run.wall_s"], strict=True):
         if job in points:
             cpu_s.add(points[job], cpu)

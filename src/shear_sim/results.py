@@ -16,9 +16,10 @@ run the same job write the same bytes.
 
 import contextlib
 import json
+import os
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
     from shear_sim.study import Study
 
 FORMAT = 1  # of result files, plan and index; raised when an older program cannot read them
-INDEX_FORMAT = 1
+INDEX_FORMAT = 2
+STAMPED = ("job", "bytes", "mtime_ns")  # columns by which the index knows a result file again
 
 FailureKind = Literal["physics", "crash", "error"]
 
@@ -178,10 +180,14 @@ class Results:
                 found[job] = read_failure(path)
         return found
 
-    def record_failure(self, failure: Failure) -> None:
-        """Keep why a job failed, in ``failed/<job id>.json``."""
+    def record_failure(self, failure: Failure) -> Failure:
+        """Keep why a job failed, in ``failed/<job id>.json``; return it with all tries counted."""
+        path = self.failed / f"{failure.job}.json"
+        if path.exists():
+            failure = replace(failure, tries=failure.tries + read_failure(path).tries)
         text = json.dumps(asdict(failure), indent=2, ensure_ascii=False)
-        write_whole(self.failed / f"{failure.job}.json", f"{text}\n".encode())
+        write_whole(path, f"{text}\n".encode())
+        return failure
 
     def forget_failure(self, job: str) -> None:
         """Remove the record of a failure: a later try has succeeded."""
@@ -195,22 +201,23 @@ class Results:
         (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
         ``bytes`` is the size of that file. Rows are sorted by job id.
 
-        Only jobs that the kept index lacks are read; rows of deleted ones go. The result is kept
-        for the next call where the folder can be written. Damaged files are left out with a
-        warning that names them.
+        Only files that are new, or have another size or time of change than in the kept index, are
+        read; rows of deleted ones go. The result is kept for the next call where the folder can be
+        written. Damaged files are left out with a warning that names them.
         """
         import pyarrow as pa
-        import pyarrow.compute as pc
 
-        finished = self.finished()
+        stamps = _stamps(self.jobs, ".parquet")
         known = self._kept_index()
+        stamped = zip(*(known.column(name).to_pylist() for name in STAMPED), strict=True)
+        unchanged = [stamps.get(job) == stamp for job, *stamp in stamped]
+        kept = known.filter(pa.array(unchanged, pa.bool_()))
         rows, damaged = [], {}
-        for job in sorted(finished.difference(known.column("job").to_pylist())):
+        for job in sorted(stamps.keys() - set(kept.column("job").to_pylist())):
             try:
-                rows.append(_index_row(self.job_file(job)))
+                rows.append(_index_row(self.job_file(job), stamps[job]))
             except TableError as error:
                 damaged[job] = str(error)
-        kept = known.filter(pc.is_in(known.column("job"), pa.array(sorted(finished), pa.string())))
         changed = bool(rows) or kept.num_rows != known.num_rows
         if rows:
             names = dict.fromkeys(name for row in rows for name in row)
@@ -228,7 +235,7 @@ class Results:
                 RuntimeWarning,
                 stacklevel=2,
             )
-        return kept
+        return kept.drop_columns(["mtime_ns"])
 
     def _kept_index(self) -> "pyarrow.Table":
         """Return the index file, or an empty one where it is missing, damaged or of old format."""
@@ -237,13 +244,27 @@ class Results:
         with contextlib.suppress(TableError):
             if read_summary(self.index_file) == {"format": INDEX_FORMAT}:
                 return read_arrow(self.index_file)
-        return pa.table({"job": pa.array([], pa.string())})
+        types = (pa.string(), pa.int64(), pa.int64())
+        return pa.table({n: pa.array([], t) for n, t in zip(STAMPED, types, strict=True)})
 
 
 def _listing(folder: Path, suffix: str) -> Iterator[Path]:
     """Yield the files of ``folder`` with this suffix; partial files have another one."""
     if folder.is_dir():
         yield from (path for path in folder.iterdir() if path.suffix == suffix)
+
+
+def _stamps(folder: Path, suffix: str) -> dict[str, list[int]]:
+    """Return size and time of change [ns] of the files with this suffix, by their stems."""
+    found = {}
+    if folder.is_dir():
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.name.endswith(suffix):
+                    with contextlib.suppress(FileNotFoundError):  # deleted at this moment
+                        what = entry.stat()
+                        found[entry.name.removesuffix(suffix)] = [what.st_size, what.st_mtime_ns]
+    return found
 
 
 def read_failure(path: Path) -> Failure:
@@ -270,8 +291,8 @@ def read_job_summary(path: Path) -> dict[str, Any]:
     return summary
 
 
-def _index_row(path: Path) -> dict[str, Any]:
-    """Return the row of one result file."""
+def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
+    """Return the row of one result file; ``stamp`` is its size and time of change."""
     summary = read_job_summary(path)
     if summary.get("format") != FORMAT:
         msg = (
@@ -285,7 +306,7 @@ def _index_row(path: Path) -> dict[str, Any]:
         raise TableError(msg)
     row = {"job": job["id"], "point": job["point"], "replicate": job["replicate"]}
     row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
-    row["bytes"] = path.stat().st_size
+    row |= zip(STAMPED[1:], stamp, strict=True)
     row |= flatten(summary["parameters"])
     rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
     return row | flatten(dict(sorted(rest.items())))

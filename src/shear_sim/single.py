@@ -47,7 +47,7 @@ def run_one(
     if failure is None:
         results.forget_failure(job.id)
     else:
-        results.record_failure(failure)
+        failure = results.record_failure(failure)
     return results.job_file(job.id), failure
 
 

@@ -44,7 +44,7 @@ def describe_status(status: Mapping[str, Any]) -> str:
     lines = [f"{status['results']}: {status['done']} of {total} jobs done"]
     if status["missing"] is not None:
         lines[0] += f", {len(status['failed'])} failed, {status['missing']} missing"
-    if status["done"]:
+    if status["memory_mb"] is not None:  # some result can be read
         each = status["cpu_s"] / (status["done"] + status["orphans"])
         lines.append(
             f"  {duration(status['cpu_s'])} of CPU ({each:.3g} s a job), "

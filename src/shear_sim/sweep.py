@@ -12,7 +12,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
@@ -216,10 +216,8 @@ class _Sweep:
         self._fail(Failure(job.id, "crash", reason, exit_code=code, signal=name))
 
     def _fail(self, failure: Failure) -> None:
-        before = self.plan.again.get(failure.job)
-        failure = replace(failure, tries=1 + (before.tries if before else 0))
+        failure = self.plan.results.record_failure(failure)
         self.failed[failure.job] = failure
-        self.plan.results.record_failure(failure)
         if len(self.failed) <= SHOWN_FAILURES:
             self.screen.say(f"failed: job {failure.job} ({failure.kind}): {failure.reason}")
         elif len(self.failed) == SHOWN_FAILURES + 1:

@@ -310,5 +310,7 @@ def attempt(job: "Job", folder: Path) -> tuple[Failure | None, str | None]:
 
 def _error(job: "Job", error: Exception) -> Failure:
     lines = traceback.format_exc().splitlines()[-TRACEBACK_LINES:]
-    reason = f"{type(error).__name__}: {error}"
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    at = f"{Path(where.filename).name}, line {where.lineno}"
+    reason = f"{type(error).__name__}: {error} ({at})"
     return Failure(job.id, "error", reason, traceback=tuple(lines))

@@ -10,7 +10,6 @@ import pytest
 
 from shear_sim.models.microgel.parameters import Contacts, Damping, Links, Microgel, MicrogelPoint
 from shear_sim.models.microgel.simulation import make_constants, make_discs, time_scale
-from shear_sim.models.microgel.state import COULOMB, RESET
 from shear_sim.packing import Cell
 
 DISCS = make_discs(
@@ -72,8 +71,6 @@ def test_damping(spin, rate, target):
 def test_choices_by_name():
     assert constants().may_pull
     assert not constants(dashpot="no_attraction").may_pull
-    assert constants().sliding == COULOMB
-    assert constants(sliding="reset").sliding == RESET
     assert constants().affine
     assert not constants(drive="boundary").affine
     assert constants().stretched_dashpot

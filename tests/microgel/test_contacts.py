@@ -7,6 +7,7 @@ motion is then known, and the force of the contact can be compared with its clos
 import numpy as np
 import pytest
 from scenes import (
+    UNDAMPED,
     evaluate,
     finish,
     packing_point,
@@ -17,8 +18,9 @@ from scenes import (
 
 from shear_sim.models.microgel import laws, motion
 from shear_sim.models.microgel.parameters import Damping, Links
-from shear_sim.models.microgel.state import OPEN, RESET, SLIDE, STICK
+from shear_sim.models.microgel.state import OPEN, SLIDE, SPRING, STICK, set_column
 from shear_sim.packing import Cell
+from shear_sim.protocol import OscillatoryShear
 
 # A pair of unit discs at distance 1.6 along x; k = 1, so the elastic force is 0.4.
 K, KT, MU, OVERLAP = 1.0, 2.0, 0.5, 0.4
@@ -44,7 +46,7 @@ def drive(tangential_velocity, *, kt=KT, etat=0.0, friction=MU, **more):
         s.work.pspin[1] = -v / arm
         s.work.turn[1] = s.work.pspin[1] * h
         s.kernels.contact_forces(
-            s.discs, s.work, s.pairs, s.n_links, s.constants, 0.0, 0.0, h, True
+            s.discs, s.work, s.links, s.contacts, s.constants, 0.0, 0.0, h, True
         )
         force.append(s.work.fy[0])
         kind.append(s.pairs.state[0])
@@ -118,7 +120,7 @@ def test_reset_rule_slides_with_half_of_the_friction(ratio):
     measurement, with steps that are not small against the slip for large η v).
     """
     v = 0.05
-    force, _, h = drive(np.full(20_000, v), etat=ratio * CAP / v, sliding=RESET)
+    force, _, h = drive(np.full(20_000, v), etat=ratio * CAP / v, reset=True)
     assert KT * v * h < 0.01 * CAP  # many steps to a tooth
     assert force.max() <= CAP * (1 + 1e-12)
     expected = 0.5 * (CAP + ratio * CAP)
@@ -126,7 +128,7 @@ def test_reset_rule_slides_with_half_of_the_friction(ratio):
 
 
 def test_reset_rule_keeps_the_cap_when_the_dashpot_alone_exceeds_it():
-    force, kind, _ = drive(np.full(100, 0.05), etat=2 * CAP / 0.05, sliding=RESET)
+    force, kind, _ = drive(np.full(100, 0.05), etat=2 * CAP / 0.05, reset=True)
     assert force == pytest.approx(np.full(100, CAP))
     assert (kind == SLIDE).all()
 
@@ -136,16 +138,19 @@ def test_coulomb_cap_of_an_attractive_law_is_its_modulus():
 
     def pull(s, v):
         # The force law alone: stepping with it would be compiled for this one test.
-        s.pairs = motion.renew_pairs(s.discs, s.work, s.pairs, 0, s.constants, 0.0)
+        s.contacts = motion.renew_contacts(s.discs, s.work, s.links, s.contacts, s.constants, 0.0)
         evaluate(s)
         s.work.pspin[1] = -v / 0.8
         s.work.turn[1] = s.work.pspin[1] * 1.0
         s.kernels.contact_forces(
-            s.discs, s.work, s.pairs, s.n_links, s.constants, 0.0, 0.0, 1.0, True
+            s.discs, s.work, s.links, s.contacts, s.constants, 0.0, 0.0, 1.0, True
         )
         return s.work.fy[0], s.work.fx[0]
 
-    source = "def contact_force(d, D, k, repulsion):\n    return k * (D - d)\n"
+    source = (
+        "def contact_force(d, D, k, repulsion):\n"
+        "    return k * (D - d) * (1.0 if d > 0.5 * D else -1.0)\n"
+    )
     for v in (1.0, -1.0):
         s = scene(
             [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, step=1.0, steps=1,
@@ -159,7 +164,7 @@ def test_coulomb_cap_of_an_attractive_law_is_its_modulus():
 def test_a_contact_that_opens_forgets():
     s = scene([(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, step=1.0, steps=1, skin=1.0)
     s.advance(1)
-    s.pairs.spring[0] = 0.05
+    set_column(s.contacts, SPRING, 0.05)
     s.discs.x[1] = 2.1
     assert (evaluate(s).force == 0).all()
     assert s.pairs.spring[0] == 0
@@ -201,7 +206,7 @@ def test_links_have_no_coulomb_cap():
         [(0.0, 0.0), (1.6, 0.0)], 1.0, k=K, kt=KT, friction=MU, links=[(0, 1)], step=1, steps=1
     )
     s.advance(1)
-    s.pairs.spring[0] = 50.0
+    set_column(s.links, SPRING, 50.0)
     assert evaluate(s).force[0, 1] == pytest.approx(KT * 50.0)
 
 
@@ -386,6 +391,34 @@ class TestDampingAndDrive:
         assert s.discs.cx[0] == pytest.approx(-0.5 * 100.0)
         assert s.discs.spin[0] - 0.25 == pytest.approx(0.0, abs=1e-12)
 
+    @pytest.mark.parametrize(
+        "shear",
+        [
+            steady(0.3, rate=0.05, pre_periods=0.1, post_periods=0.5),
+            OscillatoryShear(pre_periods=0.1, periods=1, post_periods=0.5, strain_amplitude=0.3),
+        ],
+        ids=lambda shear: shear.kind,
+    )
+    def test_edge_drive_leaves_a_lone_disc_at_rest_when_it_starts_and_stops(self, shear):
+        """The rate jumps at both ends of the shear; a disc that nothing touches feels neither."""
+        s = prepared(
+            packing_point(
+                discs=1, packing={"packing_fraction": 0.01}, drive="boundary", shear=shear,
+                damping=UNDAMPED,
+            )
+        )  # fmt: skip
+        s.discs.y[0] = 0.7 * s.constants.height
+        x = s.discs.x[0]
+        c = finish(s)
+        assert np.ptp(c["strain"]) > 0.25
+        assert c["strain_rate"][-1] == 0
+        fastest = np.abs(c["strain_rate"]).max()
+        # The sine is followed in steps: second order in the step for the position.
+        assert s.discs.x[0] == pytest.approx(x, abs=1e-4 * s.constants.height)
+        assert s.discs.y[0] == 0.7 * s.constants.height
+        assert abs(s.discs.cx[0]) < 1e-12 * fastest * s.constants.height
+        assert abs(s.discs.spin[0]) < 1e-12 * fastest
+
     def test_edge_drive_diffuses_from_the_edges(self):
         """A bulk network sheared at its edges: the middle lags behind, as momentum has to travel.
 
@@ -423,7 +456,7 @@ def test_cap_is_of_the_elastic_force_alone():
     )  # fmt: skip
     s.advance(1)
     s.work.turn[1] = -5.0
-    s.kernels.contact_forces(s.discs, s.work, s.pairs, 0, s.constants, 0.0, 0.0, 0.1, True)
+    s.kernels.contact_forces(s.discs, s.work, s.links, s.contacts, s.constants, 0.0, 0.0, 0.1, True)
     assert s.work.fx[0] == pytest.approx(-(K * OVERLAP + 0.3), rel=1e-12)
     assert s.work.fy[0] == pytest.approx(CAP, rel=1e-12)
 

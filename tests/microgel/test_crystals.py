@@ -89,7 +89,7 @@ def test_bonded_crystal(law, amplitude, periods):
     period = tau / point.shear.relative_frequency
     simulation = MicrogelSimulation(
         point, kernels_for(laws.divergent, tangential=True), discs,
-        make_pairs(network.pairs, network.image), len(network.pairs),
+        make_pairs(network.pairs, network.image), make_pairs(),
         make_constants(point, discs, start.width, start.height, period),
         make_clock(point.shear, period, point.steps_per_period, 1), {},
     )  # fmt: skip

@@ -6,6 +6,7 @@ from scenes import evaluate, finish, packing_point, prepared, scene, steady
 
 from shear_sim.models.microgel import motion
 from shear_sim.models.microgel.parameters import Links
+from shear_sim.models.microgel.state import NX, column, listed, set_column
 from shear_sim.packing import Cell
 from shear_sim.protocol import OscillatoryShear
 
@@ -134,7 +135,7 @@ def test_a_link_under_flow_follows_the_lattice():
         k = 0
         p = s.pairs
         assert (p.i[k], p.j[k]) == (0, 1)
-        got = np.array([p.ex[k], p.ey[k]]) * (p.d[k] - 2.0)
+        got = np.array([p.ex[k], p.ey[k]]) * (p.distance[k] - 2.0)
         assert got == pytest.approx(expected, abs=1e-6)
     assert s.work.turns[0] == 3
 
@@ -149,23 +150,23 @@ def test_springs_survive_renewal_and_stay_with_their_image():
     )  # fmt: skip
     s.advance(40)
     strain = s._table[s.done - 1, 1]
-    p = s.pairs
 
     def keyed(pairs):
-        keys = zip(*(a.tolist() for a in (pairs.i, pairs.j, pairs.nx, pairs.ny)), strict=True)
-        return {
-            k: (v, t) for k, v, t in zip(keys, pairs.spring, pairs.state, strict=True) if v != 0
-        }
+        p = listed(pairs)
+        keys = zip(*(a.tolist() for a in (p.i, p.j, p.nx, p.ny)), strict=True)
+        return {k: (v, t) for k, v, t in zip(keys, p.spring, p.state, strict=True) if v != 0}
 
     before, c = evaluate(s, strain, 0.0), s.constants
-    first = keyed(motion.renew_pairs(s.discs, s.work, p, s.n_links, c, strain))
-    assert first
+    renewed = (s.discs, s.work, s.links, s.contacts, c, strain)
+    first = keyed(motion.renew_contacts(*renewed)), keyed(s.links)
+    assert all(first)
     # Discs in other images of the cell, and every pair named accordingly.
     wx = np.random.default_rng(0).integers(-1, 2, 40)
-    s.pairs = motion.renew_pairs(s.discs, s.work, s.pairs, s.n_links, c, strain)
+    s.contacts = motion.renew_contacts(*renewed)
     s.discs.x[:] += wx * c.width
-    s.pairs.nx[:] -= wx[s.pairs.j] - wx[s.pairs.i]
-    s.pairs = motion.renew_pairs(s.discs, s.work, s.pairs, s.n_links, c, strain)
-    assert keyed(s.pairs) == first
+    for pairs in (s.links, s.contacts):
+        set_column(pairs, NX, column(pairs, NX) - (wx[pairs.j] - wx[pairs.i]))
+    s.contacts = motion.renew_contacts(s.discs, s.work, s.links, s.contacts, c, strain)
+    assert (keyed(s.contacts), keyed(s.links)) == first
     after = evaluate(s, strain, 0.0)
     assert np.abs(before.force - after.force).max() < 1e-11 * np.abs(before.force).max()

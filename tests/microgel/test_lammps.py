@@ -40,7 +40,7 @@ from scenes import packing_point, prepared, scene
 
 from shear_sim.models.microgel import motion
 from shear_sim.models.microgel.parameters import LinearLaw
-from shear_sim.models.microgel.state import OPEN, SLIDE
+from shear_sim.models.microgel.state import OPEN, SLIDE, SPRING, listed, set_column
 
 LMP = shutil.which("lmp")
 pytestmark = pytest.mark.skipif(LMP is None, reason="no program lmp: install Debian's lammps")
@@ -175,7 +175,8 @@ def follow(simulation, style):
 
     def forces(strain, start=False):
         w.px[:], w.py[:], w.pspin[:] = d.cx, d.cy, d.spin  # (1)
-        s.kernels.contact_forces(d, w, pairs, 0, unlimited, strain, rate, 0.0, True)
+        s.kernels.contact_forces(d, w, s.links, held, unlimited, strain, rate, 0.0, True)
+        pairs = listed(held)
         sliding = pairs.state == SLIDE
         if dashpots:  # (7)
             ex, ey, distance, vn, slip = contacts(s, pairs, strain, rate)
@@ -185,9 +186,8 @@ def follow(simulation, style):
             limit = c.friction * np.abs(c.k * (nominal - distance) - c.eta * vn)
             sliding = (pairs.state != OPEN) & (np.abs(along) > limit)
             limited = 0.0 if start else np.copysign(limit, along)
-            pairs.spring[:] = np.where(sliding, (limited - c.etat * slip) / c.kt, pairs.spring)
-            if start:
-                pairs.spring[:] = 0.0
+            spring = np.where(sliding, (limited - c.etat * slip) / c.kt, pairs.spring)
+            set_column(held, SPRING, 0.0 if start else spring)
             excess = np.where(sliding, limited - along, 0.0)
             arm = distance / nominal if c.contact_arms_in_torque else 1.0
             for disc, sign in ((i, 1), (j, -1)):
@@ -196,7 +196,7 @@ def follow(simulation, style):
                 np.add.at(w.torque, disc, arm * d.radius[disc] * excess)
         return sliding.sum() / max((pairs.state != OPEN).sum(), 1)
 
-    pairs = motion.renew_pairs(d, w, s.pairs, 0, c, 0.0)
+    held = motion.renew_contacts(d, w, s.links, s.contacts, c, 0.0)
     sliding = [forces(0.0, start=True)]
     records = [record(s)]
     for k in range(s.clock.end):
@@ -207,11 +207,12 @@ def follow(simulation, style):
         d.y[:] += h * d.cy
         d.cx[:] = ux - rate * (d.y - 0.5 * c.height)
         strain = rate * k * h  # (5)
-        pairs = motion.renew_pairs(d, w, pairs, 0, c, strain)
+        held = motion.renew_contacts(d, w, s.links, held, c, strain)
+        pairs = listed(held)
         ex, ey, _, _, slip = contacts(s, pairs, strain, rate)
         cosine = pairs.ex * ex + pairs.ey * ey if style == "hooke/history" else 1.0  # (3)
         before = np.where(pairs.state == OPEN, 0.0, pairs.spring * cosine)
-        pairs.spring[:] = before + h * slip  # (2), (4)
+        set_column(held, SPRING, before + h * slip)  # (2), (4)
         sliding.append(forces(strain))
         d.cx[:] += 0.5 * h * w.fx / d.mass
         d.cy[:] += 0.5 * h * w.fy / d.mass

@@ -105,12 +105,22 @@ def test_own_law():
         ("def contact_force(a, b, c, d):\n    return open('x')", "cannot be compiled"),
         ("def contact_force(a, b, c, d):\n    return nowhere(a)", "cannot be compiled.*nowhere"),
         ("def contact_force(a, b, c, d):\n    return a / 0.0", "is inf at"),
+        (
+            "def contact_force(d, d0, k, c):\n    return k * (d0 - d)",
+            r"must be negative \(repulsive\), but it is positive at every distance",
+        ),
     ],
 )
 def test_a_law_that_does_not_work_says_so_in_a_line(source, said):
     with pytest.raises(ValueError, match=said) as caught:
         custom(source)
     assert "\n" not in str(caught.value)
+
+
+def test_own_law_may_attract_somewhere():
+    """Discs that stick together at first contact, and repel deeper down."""
+    source = "def contact_force(d, D, k, c):\n    return k * (D - d) * (0.8 * D - d) * -5 / D\n"
+    assert custom(source)(0.9, 1.0, 1.0, (1.0, 1.0, 1.0, 1.0)) == pytest.approx(0.05)
 
 
 def test_own_law_may_call_its_own_functions():

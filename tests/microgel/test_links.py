@@ -91,6 +91,24 @@ def test_fuzziness_acts_within_its_reach_only(network, seed):
     assert not both.all()
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_fuzziness_is_in_units_of_the_largest_radius(network, seed):
+    """One disc of twice the size, the others as they are: as twice the fuzziness."""
+    one_large = network.radius.copy()
+    one_large[network.radius.argmax()] *= 2
+    one_small = network.radius.copy()
+    one_small[network.radius.argmin()] *= 0.1
+
+    def fuzzy(fuzz, radius):
+        changed = network._replace(radius=radius)
+        return make_links(changed, section(edge_fuzziness=fuzz), Streams(seed, 0))[0]
+
+    single, double = fuzzy(2.0, network.radius), fuzzy(4.0, network.radius)
+    assert (single != double).any()
+    assert np.array_equal(fuzzy(2.0, one_large), double)
+    assert np.array_equal(fuzzy(2.0, one_small), single)
+
+
 def test_fuzziness_does_something(network):
     changed = [
         (

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+import traceback
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from shear_sim.models.microgel import laws, motion
 from shear_sim.models.microgel import simulation as simulation_module
 from shear_sim.models.microgel.parameters import CustomLaw, LinearLaw, Links
 from shear_sim.models.microgel.simulation import kernels_for
+from shear_sim.models.microgel.state import listed
 from shear_sim.packing import Cell, Equilibration
 from shear_sim.protocol import OscillatoryShear
 
@@ -30,8 +32,8 @@ constants = make_constants(MicrogelPoint(), discs, 9.0, 9.0, 1.0)._replace(
     step_dashpot=1e9, step_rolling=1e9
 )
 work = make_work(2)
-work.closest[:2] = 1.0, 4.0
-print(kernels_for(law, True).substep(constants, work, 0.0) / constants.step_stiffness)
+work.closest[0] = 0.5
+print(kernels_for(law, True).substep(constants, work, 2.0, 0.0) / constants.step_stiffness)
 """
 
 
@@ -124,8 +126,8 @@ def test_a_crystal_is_in_equilibrium(law):
     s.advance(1)
     e = evaluate(s)
     assert np.abs(e.force).max() < 1e-12 * s.constants.k * s.discs.radius[0]
-    assert s.n_links == 3 * 30
-    spacing = s.pairs.d[: s.n_links]
+    assert len(s.links.i) == 3 * 30
+    spacing = listed(s.links).distance
     assert np.abs(spacing / (400e-6 / 5) - 1).max() < 1e-12
 
 
@@ -156,7 +158,7 @@ def test_a_users_law_is_as_good_as_a_built_in_one():
 
     def seconds(s):
         best = np.inf
-        s.pairs = motion.renew_pairs(s.discs, s.work, s.pairs, s.n_links, s.constants, 0.0)
+        s.contacts = motion.renew_contacts(s.discs, s.work, s.links, s.contacts, s.constants, 0.0)
         for _ in range(20):
             start = time.perf_counter()
             for _ in range(200):
@@ -194,11 +196,45 @@ def test_a_packing_that_moves_is_not_at_rest():
     for array, value in ((discs.cx, 1e-3), (discs.spin, 10.0)):
         array[0] = value
         _, report = simulation_module._settle(
-            point, simulation.kernels, discs, simulation.pairs, 0, simulation.constants, tau
+            point, discs, simulation.links, simulation.contacts, simulation.constants, tau
         )
         assert report["settling_steps"] > 0
         assert report["at_rest"]
         assert report["kinetic_energy"] <= point.packing.equilibration.energy_tolerance
+
+
+RAISES = """
+def contact_force(d, D, k, repulsion):
+    if d < 0.85 * D:
+        pass
+    elif d < 0.9999 * D and not 0.899 < d / D < 0.901:
+        raise ValueError("not measured here")
+    return -k * (D - d)
+"""
+
+
+def test_a_law_that_raises_fails_its_own_jobs_only():
+    """It works at the distances at which laws are tried, but not where discs come to rest."""
+    point = packing_point(discs=20, contact_law=CustomLaw(kind="custom", source=RAISES))
+    simulation_module.compile_kernels([point])
+    with pytest.raises(ValueError, match="not measured here") as caught:
+        prepared(point)
+    where = traceback.extract_tb(caught.value.__traceback__)[-1]
+    assert (where.filename, where.lineno) == (laws.LAW_FILE, 6)
+
+
+def test_compiling_never_waits_for_a_law_to_let_a_packing_rest(monkeypatch):
+    """The steps that compile a user's kernels are few, whatever the law does."""
+    limits = []
+
+    def note(point, _streams):
+        limits.append(point.packing.equilibration.max_steps)
+        raise SimulationError
+
+    monkeypatch.setattr(simulation_module, "prepare", note)
+    simulation_module.compile_kernels([packing_point(discs=20)])
+    assert len(limits) == 1
+    assert limits[0] <= 100
 
 
 def test_a_law_that_does_not_work_fails_its_own_jobs_only():

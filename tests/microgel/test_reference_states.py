@@ -13,7 +13,7 @@ import pytest
 
 from shear_sim.models.microgel import derive, laws, motion
 from shear_sim.models.microgel.simulation import kernels_for, make_discs, make_pairs, make_work
-from shear_sim.models.microgel.state import RESET, ROW, Constants
+from shear_sim.models.microgel.state import ROW, SPRING, SPRING_BACK, Constants, set_column
 
 STATES = sorted((Path(__file__).parents[1] / "data" / "states").glob("*.npz"))
 PERMANENT = 2
@@ -32,7 +32,7 @@ def constants_of(meta):
         link_etat=float(meta["nu_t"] * (1 if keep else tangential)),
         friction=float(meta["mu"]),
         law=(float(meta["central_repulsion_coefficient"]), *map(float, meta["plateau"])),
-        may_pull=True, stretched_dashpot=False, sliding=RESET,
+        may_pull=True, stretched_dashpot=False, plates=False,
         contact_arms_in_velocity=False, contact_arms_in_torque=True,
         damping=0.0, spin_damping=0.0, spin_target=0.0, affine=True, skin=1.0,
         step_stiffness=1.0, step_rolling=1.0, step_dashpot=1.0, step_strain=1.0,
@@ -67,14 +67,16 @@ def evaluate(path, k):
     linked = np.array([p for p, (t, _) in stored.items() if t == PERMANENT and p[0] < p[1]], int)
     linked = linked.reshape(-1, 2)
     work = make_work(len(x))
-    pairs = make_pairs(linked, nearest_image(discs, linked, strain, constants))
-    pairs = motion.renew_pairs(discs, work, pairs, len(linked), constants, strain)
-    for q, (i, j) in enumerate(zip(pairs.i, pairs.j, strict=True)):
-        pairs.spring[q] = stored.get((i, j), (0, 0.0))[1]
-        pairs.spring_back[q] = stored.get((j, i), (0, 0.0))[1]
+    links = make_pairs(linked, nearest_image(discs, linked, strain, constants))
+    contacts = motion.renew_contacts(discs, work, links, make_pairs(), constants, strain)
+    for pairs in (links, contacts):
+        ends = list(zip(pairs.i, pairs.j, strict=True))
+        set_column(pairs, SPRING, [stored.get((i, j), (0, 0.0))[1] for i, j in ends])
+        set_column(pairs, SPRING_BACK, [stored.get((j, i), (0, 0.0))[1] for i, j in ends])
     work.px[:], work.py[:], work.pspin[:] = discs.cx, discs.cy, discs.spin
-    kernels = kernels_for(laws.plateau if meta["law"] == "plateau" else laws.divergent, True)
-    kernels.contact_forces(discs, work, pairs, len(linked), constants, strain, rate, 0.0, True)
+    law = laws.plateau if meta["law"] == "plateau" else laws.divergent
+    kernels = kernels_for(law, True, reset=True)
+    kernels.contact_forces(discs, work, links, contacts, constants, strain, rate, 0.0, True)
     row = np.zeros(len(ROW))
     offset = strain * height - work.turns[0] * constants.width
     if meta["calls_setShearRate"]:

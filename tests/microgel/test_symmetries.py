@@ -15,6 +15,7 @@ from scenes import (
 from shear_sim.models.microgel import motion
 from shear_sim.models.microgel.parameters import Links
 from shear_sim.models.microgel.simulation import MicrogelSimulation, make_pairs
+from shear_sim.models.microgel.state import NX, NY, column, listed, set_column
 from shear_sim.packing import Cell
 from shear_sim.protocol import OscillatoryShear
 
@@ -38,14 +39,12 @@ def copy(simulation, *, order=None, discs=None, images=None, constants=None, clo
     d = s.discs if discs is None else discs
     order = np.arange(len(d.x)) if order is None else order
     new = np.argsort(order)
-    links = np.column_stack([s.pairs.i, s.pairs.j])[: s.n_links]
-    shift = np.column_stack([s.pairs.nx, s.pairs.ny])[: s.n_links] if images is None else images
-    links = new[links]
-    swap = links[:, 0] > links[:, 1]
-    links[swap], shift = links[swap][:, ::-1], np.where(swap[:, None], -shift, shift)
+    given = listed(s.links)
+    links = new[np.column_stack([given.i, given.j])]
+    shift = np.column_stack([given.nx, given.ny]) if images is None else images
     return MicrogelSimulation(
         s.point, s.kernels, type(d)(*(a[order].copy() for a in d)), make_pairs(links, shift),
-        s.n_links, constants or s.constants, clock or s.clock, {},
+        make_pairs(), constants or s.constants, clock or s.clock, {},
     )  # fmt: skip
 
 
@@ -142,11 +141,16 @@ def test_choice_of_image_is_irrelevant():
     here = base("cells")
     rng = np.random.default_rng(2)
     wx, wy = rng.integers(-2, 3, (2, 30))
-    d, p, n = here.discs, here.pairs, here.n_links
+    d, p = here.discs, listed(here.links)
     there = d._replace(x=d.x + wx * CELL.width, y=d.y + wy * CELL.height)
-    i, j = p.i[:n], p.j[:n]
-    images = np.column_stack([p.nx[:n] - wx[j] + wx[i], p.ny[:n] - wy[j] + wy[i]])
+    images = np.column_stack([p.nx - wx[p.j] + wx[p.i], p.ny - wy[p.j] + wy[p.i]])
     agree(finish(copy(here)), finish(copy(here, discs=there, images=images)))
+
+
+def shift(simulation, turns):
+    """Name the images of all pairs as after a re-gridding by ``turns`` widths."""
+    for pairs in (simulation.links, simulation.contacts):
+        set_column(pairs, NX, column(pairs, NX) + turns * column(pairs, NY))
 
 
 def test_strain_plus_one_lattice_period_is_the_same_lattice():
@@ -158,12 +162,11 @@ def test_strain_plus_one_lattice_period_is_the_same_lattice():
     here.advance(20)
     strain, rate = here._table[here.done - 1, 1:3]
     a = evaluate(here, strain, rate)
-    p = here.pairs
-    assert (p.ny[: here.n_links] != 0).any()
-    assert np.abs(p.spring).max() > 0
-    p.nx[:] -= p.ny  # the upper image lies a width farther now
+    assert (listed(here.links).ny != 0).any()
+    assert np.abs(here.pairs.spring).max() > 0
+    shift(here, -1)  # the upper image lies a width farther now
     b = evaluate(here, strain + CELL.width / CELL.height, rate)
-    p.nx[:] += p.ny
+    shift(here, 1)
     scale = np.abs(a.force).max()
     assert np.abs(a.force - b.force).max() < 1e-11 * scale
     assert np.abs(a.torque - b.torque).max() < 1e-11 * np.abs(a.torque).max()
@@ -179,10 +182,10 @@ def test_regridding_keeps_springs_and_images(turns):
     a = evaluate(here, strain, rate)
     # Rename as if the lattice had never been re-gridded on the way to a strain of `turns` more.
     here.work.turns[0] -= turns
-    here.pairs.nx[:] -= here.pairs.ny * turns
+    shift(here, -turns)
     springs = np.sort(here.pairs.spring[here.pairs.spring != 0])
-    here.pairs = motion.renew_pairs(
-        here.discs, here.work, here.pairs, here.n_links, here.constants, strain
+    here.contacts = motion.renew_contacts(
+        here.discs, here.work, here.links, here.contacts, here.constants, strain
     )
     assert here.work.turns[0] == round(strain * CELL.height / CELL.width)
     assert np.array_equal(np.sort(here.pairs.spring[here.pairs.spring != 0]), springs)
@@ -211,9 +214,9 @@ def test_run_across_a_regridding():
 def test_reflection():
     """x → −x with γ → −γ and ω → −ω: the shear stress changes sign, the rest stays."""
     here = base("cells")
-    d, p, n = here.discs, here.pairs, here.n_links
+    d, p = here.discs, listed(here.links)
     mirrored = d._replace(x=CELL.width - d.x, cx=-d.cx, spin=-d.spin)
-    images = np.column_stack([-p.nx[:n], p.ny[:n]])
+    images = np.column_stack([-p.nx, p.ny])
     back = here.clock._replace(amplitude=-here.clock.amplitude)
     a, b = finish(copy(here)), finish(copy(here, discs=mirrored, images=images, clock=back))
     for ab, sign in (("xx", 1), ("xy", -1), ("yx", -1), ("yy", 1)):
@@ -282,7 +285,7 @@ def test_same_packing_whatever_friction_and_amplitude():
     for other in start[1:]:
         assert np.array_equal(other.discs.x, start[0].discs.x)
         assert np.array_equal(other.discs.y, start[0].discs.y)
-        assert np.array_equal(other.pairs.i[: other.n_links], start[0].pairs.i[: start[0].n_links])
+        assert np.array_equal(other.links.i, start[0].links.i)
 
 
 def test_periodic_tensor_is_continuous_where_the_internal_one_jumps():

@@ -291,7 +291,7 @@ class Flow:
         """Bring discs back into the cell, and find who is near whom."""
         turns = round(self.offset / self.width)
         self.offset -= turns * self.width
-        wx, wy = np.empty((2, len(self.x)), np.int32)
+        wx, wy = np.zeros((2, len(self.x)), np.int32)
         wrap_count(self.x, self.y, self.width, self.height, self.offset, wx, wy)
         self.x -= wx * self.width + wy * self.offset
         self.y -= wy * self.height

@@ -21,36 +21,51 @@ with v_rel = c_j − c_i + γ̇ Δy e_x, which holds for every image. Lever arms
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.cell import wrap_count
+from shear_sim.cell import Floats
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
     accelerate,
+    add_scaled,
     carry_plates,
+    drift,
     edge_kick,
     energy_row,
+    find_crossing,
     finish_row,
+    kick,
     moved,
     peak_rate,
-    renew_pairs,
+    renew_contacts,
     segment,
     strain_at,
     tally,
 )
 from shear_sim.models.microgel.state import (
-    COULOMB,
+    DISTANCE,
+    EX,
+    EY,
+    LANES,
     MOST_PIECES,
     NOT_FINITE,
+    NX,
+    NY,
     OPEN,
-    RESET,
+    PER_SUM,
     RUNNING,
     SLIDE,
+    SPRING,
+    SPRING_BACK,
+    STATE,
     STICK,
+    SUM,
     TOO_STIFF,
     Clock,
     Constants,
     Discs,
     Pairs,
+    Springs,
+    Unsigned,
     Work,
 )
 
@@ -59,11 +74,19 @@ from shear_sim.models.microgel.state import (
 law: Law = divergent
 TANGENTIAL = True
 TALLY = False  # whether the energy balance is kept too
+RESET = False  # whether a slip empties the spring, as in the historical program
+
+# Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
+# rims; then force on i and torque / r; then extremes over all blocks; then what TALLY asks for.
+(
+    DX, DY, CX, CY, RIMS, ROLLED, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
+    ELASTIC, VN, VT, BEFORE, SLID,
+) = range(0, 17 * LANES, LANES)  # fmt: skip
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
-@jit
+@jit(_nrt=False)
 def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
     """Return the elastic energy ∫_d^D −law dr of a contact [J/m].
 
@@ -83,12 +106,238 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
     return total
 
 
-@jit
+@jit(_nrt=False)
+def gather(
+    x: Floats, y: Floats, cx: Floats, cy: Floats, rim: Floats, rolled: Floats,
+    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
+) -> None:  # fmt: skip
+    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``."""
+    at = np.uint64(first)
+    for s in range(m):
+        a = i[at + np.uint64(s)]
+        b = j[at + np.uint64(s)]
+        block[DX + s] = x[b] - x[a]
+        block[DY + s] = y[b] - y[a]
+        block[CX + s] = cx[b] - cx[a]
+        block[CY + s] = cy[b] - cy[a]
+        if TANGENTIAL:
+            block[RIMS + s] = rim[b] + rim[a]
+            block[ROLLED + s] = rolled[b] + rolled[a]
+
+
+@jit(_nrt=False)
+def pair_forces(
+    block: Floats,
+    table: Floats,
+    m: int,
+    springs: Springs,
+    constants: Constants,
+    offset: float,
+    rate: float,
+    h: float,
+) -> None:
+    """Work out the forces (M.2) to (M.4) of a block of ``m`` pairs, a row of ``Pairs.table``.
+
+    There is no branch and no sum over pairs in the loop, so that the compiler takes as many pairs
+    at once as the processor can.
+    """
+    k, kt, eta, etat = springs.k, springs.kt, springs.eta, springs.etat
+    far_etat, reach, grip, pull = springs.far_etat, springs.reach, springs.grip, springs.pull
+    softness = 1.0 / kt if kt > 0.0 else 1e300
+    friction = constants.friction
+    width, height = constants.width, constants.height
+    moving = 1.0 if h > 0.0 else 0.0
+    for s in range(m):
+        D = table[SUM + s]
+        dx = block[DX + s] + (table[NX + s] * width + table[NY + s] * offset)
+        dy = block[DY + s] + table[NY + s] * height
+        d = np.sqrt(dx * dx + dy * dy)
+        # Two centres that coincide have no direction: they feel no force, and do not divide.
+        inverse = 1.0 / max(d, 1e-300)
+        ex = dx * inverse
+        ey = dy * inverse
+        ratio = d * table[PER_SUM + s]
+        touching = d < D
+        acts = d < max(D, reach)
+        # A law is asked within contact only; a selection costs less than a branch.
+        within = law(min(d, D), D, k, constants.law)
+        elastic = within if touching else k * (d - D)
+        vx = block[CX + s] + rate * dy
+        vy = block[CY + s]
+        vn = vx * ex + vy * ey
+        normal = min(elastic + eta * vn, pull)
+        normal = normal if acts else 0.0
+        along = 0.0
+        if TANGENTIAL:
+            arm = ratio if constants.contact_arms_in_torque else 1.0
+            arm_v = ratio if constants.contact_arms_in_velocity else 1.0
+            vt = vy * ex - vx * ey - arm_v * (block[RIMS + s] - 0.5 * rate * D)
+            mean = 0.5 * (table[DISTANCE + s] + d)
+            arm_v = mean * table[PER_SUM + s] if constants.contact_arms_in_velocity else 1.0
+            turned = mean * (table[EX + s] * ey - table[EY + s] * ex)
+            slid = moving * (turned - arm_v * block[ROLLED + s])
+            before = table[STATE + s]
+            onset = vt * min(h, (D - d) / max(-vn, 1e-300))
+            slid = onset if before == OPEN else slid
+            cap = friction * abs(elastic) + grip
+            dashpot = (etat if touching else far_etat) * vt
+            if TALLY:
+                block[BEFORE + s] = table[SPRING + s]
+            if RESET:
+                # Two visits, each with half of the force; a slip empties both springs, and the
+                # second visit may find a contact that sticks again.
+                slid = 0.0 if before == SLIDE else slid
+                spring = table[SPRING + s] + slid
+                back = table[SPRING_BACK + s] + slid
+                first = kt * spring + dashpot
+                slips = abs(first) > cap
+                first = min(max(first, -cap), cap)
+                spring = 0.0 if slips else spring
+                back = 0.0 if slips else back
+                second = kt * back + dashpot
+                slides = abs(second) > cap
+                second = min(max(second, -cap), cap)
+                spring = 0.0 if slides else spring
+                back = 0.0 if slides else back
+                along = 0.5 * (first + second)
+                table[SPRING_BACK + s] = back if acts else 0.0
+            else:
+                spring = table[SPRING + s] + slid
+                longest = cap * softness
+                spring = min(max(spring, -longest), longest)
+                along = kt * spring + dashpot
+                slides = abs(along) >= cap > 0.0
+                along = min(max(along, -cap), cap)
+            along = along if acts else 0.0
+            state = SLIDE if slides else STICK
+            table[SPRING + s] = spring if acts else 0.0
+            table[EX + s] = ex
+            table[EY + s] = ey
+            table[DISTANCE + s] = d
+            table[STATE + s] = state if acts else OPEN
+            block[TWIST + s] = arm * along
+            if TALLY:
+                block[VT + s] = vt
+                block[SLID + s] = slid
+        else:
+            table[STATE + s] = STICK if acts else OPEN
+        block[FX + s] = normal * ex - along * ey
+        block[FY + s] = normal * ey + along * ex
+        block[DX + s] = dx
+        block[DY + s] = dy
+        block[CLOSEST + s] = min(block[CLOSEST + s], ratio)
+        block[LONGEST + s] = max(block[LONGEST + s], ratio if acts else 1.0)
+        closing = -vn * inverse
+        block[CLOSING + s] = max(block[CLOSING + s], closing if touching else 0.0)
+        if TALLY:
+            block[ELASTIC + s] = elastic
+            block[VN + s] = vn
+
+
+@jit(_nrt=False)
+def scatter(
+    fx: Floats, fy: Floats, torque: Floats,
+    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
+) -> None:  # fmt: skip
+    """Add the forces of a block to those of its discs, and torques in units of the radius."""
+    at = np.uint64(first)
+    for s in range(m):
+        a = i[at + np.uint64(s)]
+        b = j[at + np.uint64(s)]
+        fx[a] += block[FX + s]
+        fy[a] += block[FY + s]
+        fx[b] -= block[FX + s]
+        fy[b] -= block[FY + s]
+        if TANGENTIAL:
+            torque[a] += block[TWIST + s]
+            torque[b] += block[TWIST + s]
+
+
+# Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
+@jit(fastmath={"reassoc"}, _nrt=False)
+def stress_of(
+    block: Floats, table: Floats, m: int
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return −Σ F_a l_b (xx, xy, yx, yy), Σ ½ (T_i + T_j), and numbers of touching and sliding."""
+    xx = xy = yx = yy = twist = touching = sliding = 0.0
+    for s in range(m):
+        dx, dy, fx, fy = block[DX + s], block[DY + s], block[FX + s], block[FY + s]
+        xx -= fx * dx
+        xy -= fx * dy
+        yx -= fy * dx
+        yy -= fy * dy
+        D = table[SUM + s]
+        if TANGENTIAL:
+            twist += 0.5 * block[TWIST + s] * D
+            sliding += 1.0 if table[STATE + s] == SLIDE else 0.0
+        touching += 1.0 if dx * dx + dy * dy < D * D else 0.0
+    return xx, xy, yx, yy, twist, touching, sliding
+
+
+@jit(_nrt=False)
+def stress_across(
+    discs: Discs, work: Work, pairs: Pairs, q: int, s: int, constants: Constants, offset: float
+) -> None:
+    """Count pair ``q``, in lane ``s`` of the block, as an outside force on the cell's discs.
+
+    Such are pairs across an edge of the cell, and those of a glued disc (Table S2-3).
+    """
+    block, t = work.block, work.tensors
+    dx, dy, fx, fy = block[DX + s], block[DY + s], block[FX + s], block[FY + s]
+    t[5] += fx * dx
+    t[6] += fx * dy
+    t[7] += fy * dx
+    t[8] += fy * dy
+    if TANGENTIAL:
+        t[9] -= 0.5 * block[TWIST + s] * pairs.table[q // LANES, SUM + s]
+    for a, sign in ((pairs.i[q], -1.0), (pairs.j[q], 1.0)):
+        if discs.plate[a] == 0.0:
+            wx, wy = work.wx[a], work.wy[a]
+            lx = discs.x[a] - wx * constants.width - wy * offset - 0.5 * constants.width
+            ly = discs.y[a] - wy * constants.height - 0.5 * constants.height
+            t[10] += sign * fx * lx
+            t[11] += sign * fx * ly
+            t[12] += sign * fy * lx
+            t[13] += sign * fy * ly
+
+
+@jit(_nrt=False)
+def tally_pairs(work: Work, table: Floats, m: int, springs: Springs, constants: Constants) -> None:
+    """Add the energies and powers of a block to ``work``: stored, lost in dashpots, by friction."""
+    block = work.block
+    k, kt = springs.k, springs.kt
+    for s in range(m):
+        D = table[SUM + s]
+        d = np.sqrt(block[DX + s] ** 2 + block[DY + s] ** 2)
+        old = block[BEFORE + s]
+        if table[STATE + s] == OPEN:
+            if TANGENTIAL:
+                work.energy[5] += 0.5 * kt * old * old
+            continue
+        inverse = 1.0 / max(d, 1e-300)
+        fx, fy = block[FX + s], block[FY + s]
+        ex, ey = block[DX + s] * inverse, block[DY + s] * inverse
+        normal = fx * ex + fy * ey
+        work.power[1] += (normal - block[ELASTIC + s]) * block[VN + s]
+        if d < D:
+            work.stored[0] += stored_energy(d, D, k, constants.law)
+        else:
+            work.stored[0] += 0.5 * k * (d - D) * (d - D)
+        if TANGENTIAL:
+            # What the spring took up on its way less what it holds (trapezoidal).
+            along = fy * ex - fx * ey
+            spring = table[SPRING + s]
+            work.energy[5] += 0.5 * kt * (old + spring) * (old + block[SLID + s] - spring)
+            work.stored[0] += 0.5 * kt * spring * spring
+            work.power[2] += (along - kt * spring) * block[VT + s]
+
+
+@jit(_nrt=False)
 def contact_forces(
     discs: Discs,
     work: Work,
-    pairs: Pairs,
-    n_links: int,
+    links: Pairs,
+    contacts: Pairs,
     constants: Constants,
     strain: float,
     rate: float,
@@ -103,214 +352,76 @@ def contact_forces(
     would feed energy to the springs). A contact that is new began inside the step, when its
     overlap was zero. With ``record`` the sums of the stress tensors are left in ``work.tensors``.
     """
-    n = discs.x.shape[0]
-    x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
-    px, py, pspin = work.px, work.py, work.pspin
-    fx, fy, torque = work.fx, work.fy, work.torque
-    width, height = constants.width, constants.height
-    offset = strain * height - work.turns[0] * width
-    for a in range(n):
-        fx[a] = 0.0
-        fy[a] = 0.0
-        torque[a] = 0.0
-    closest_d2, closest_D2 = 1.0, 1.0
-    longest2 = 1.0
-    closing = 0.0
-    touching_pairs = 0
-    sliding_pairs = 0
+    c = constants
+    offset = strain * c.height - work.turns[0] * c.width
+    fx, fy, torque, block = work.fx, work.fy, work.torque, work.block
+    fx[:] = 0.0
+    fy[:] = 0.0
+    torque[:] = 0.0
+    block[CLOSEST:CLOSING] = 1.0
+    block[CLOSING : CLOSING + LANES] = 0.0
+    if TANGENTIAL:
+        for a in range(fx.shape[0]):
+            work.rim[a] = discs.radius[a] * work.pspin[a]
+            work.rolled[a] = discs.radius[a] * work.turn[a]
     if record:
-        if constants.periodic:
-            wrap_count(x, y, width, height, offset, work.wx, work.wy)
-        else:
-            work.wx[:] = 0
-            work.wy[:] = 0
-    pxx = pxy = pyx = pyy = pt = 0.0
-    ixx = ixy = iyx = iyy = it = 0.0
-    exx = exy = eyx = eyy = 0.0
-    dashpot_n = dashpot_t = lost = stored = 0.0
-
-    for q in range(pairs.i.shape[0]):
-        i, j = pairs.i[q], pairs.j[q]
-        dx = x[j] - x[i] + (pairs.nx[q] * width + pairs.ny[q] * offset)
-        dy = y[j] - y[i] + pairs.ny[q] * height
-        D = radius[i] + radius[j]
-        d2 = dx * dx + dy * dy
-        touching = d2 < D * D
-        link = q < n_links
-        if not (touching or link):
-            pairs.state[q] = OPEN
-            if TANGENTIAL:
-                if TALLY:
-                    lost += 0.5 * constants.kt * pairs.spring[q] * pairs.spring[q]
-                pairs.spring[q] = 0.0
-                pairs.spring_back[q] = 0.0
-            continue
-        if plate[i] != 0 and plate[j] != 0:
-            continue
-        if link:
-            k, kt, eta, etat = (
-                constants.link_k, constants.link_kt, constants.link_eta, constants.link_etat,
-            )  # fmt: skip
-        else:
-            k, kt, eta, etat = constants.k, constants.kt, constants.eta, constants.etat
-        d = np.sqrt(d2)
-        # Two centres that coincide have no direction: they feel no force, and do not divide.
-        inverse = 1.0 / max(d, 1e-300)
-        ex = dx * inverse
-        ey = dy * inverse
-        if touching:
-            elastic = law(d, D, k, constants.law)
-            touching_pairs += 1
-            if d2 * closest_D2 < closest_d2 * D * D:
-                closest_d2 = d2
-                closest_D2 = D * D
-        else:
-            elastic = k * (d - D)
-            longest2 = max(longest2, d2 / (D * D))
-        vx = px[j] - px[i] + rate * dy
-        vy = py[j] - py[i]
-        vn = vx * ex + vy * ey
-        if touching:
-            closing = max(closing, -vn * inverse)
-        normal = elastic + eta * vn
-        if not (constants.may_pull or link):
-            normal = min(normal, 0.0)
-        if TALLY:
-            dashpot_n += (normal - elastic) * vn
-            if touching:
-                stored += stored_energy(d, D, k, constants.law)
-            else:
-                stored += 0.5 * k * (d - D) * (d - D)
-        along = 0.0
-        arm = 0.0
-        if TANGENTIAL:
-            ri, rj = radius[i], radius[j]
-            arm = arm_v = d / D
-            if not constants.contact_arms_in_torque:
-                arm = 1.0
-            if not constants.contact_arms_in_velocity:
-                arm_v = 1.0
-            vt = vy * ex - vx * ey - arm_v * (ri * pspin[i] + rj * pspin[j] - 0.5 * rate * D)
-            before = pairs.state[q]
-            slid = 0.0
-            if before == OPEN:
-                if h > 0.0 and not link:
-                    slid = vt * min(h, (D - d) / max(-vn, 1e-300))
-            elif h > 0.0 and not (before == SLIDE and constants.sliding == RESET):
-                mean = 0.5 * (pairs.d[q] + d)
-                rolled = ri * work.turn[i] + rj * work.turn[j]
-                if constants.contact_arms_in_velocity:
-                    rolled *= mean / D
-                slid = mean * (pairs.ex[q] * ey - pairs.ey[q] * ex) - rolled
-            spring = pairs.spring[q] + slid
-            spring_back = pairs.spring_back[q] + slid
-            state = STICK
-            if link:
-                along = kt * spring
-                if constants.sliding == RESET:
-                    along = 0.5 * kt * (spring + spring_back)
-                if touching or constants.stretched_dashpot:
-                    along += etat * vt
-            elif constants.sliding == COULOMB:
-                cap = constants.friction * abs(elastic)
-                if kt > 0.0:
-                    spring = min(max(spring, -cap / kt), cap / kt)
-                along = kt * spring + etat * vt
-                if abs(along) >= cap:
-                    along = min(max(along, -cap), cap)
-                    state = SLIDE
-            else:
-                # Two visits, each with half of the force; a slip empties both springs, and
-                # the second visit may find a contact that sticks again.
-                cap = constants.friction * abs(elastic)
-                along = kt * spring + etat * vt
-                if abs(along) > cap:
-                    along = cap if along >= 0.0 else -cap
-                    spring = 0.0
-                    spring_back = 0.0
-                second = kt * spring_back + etat * vt
-                if abs(second) > cap:
-                    second = cap if second >= 0.0 else -cap
-                    spring = 0.0
-                    spring_back = 0.0
-                    state = SLIDE
-                along = 0.5 * (along + second)
-            if TALLY:
-                # What the spring took up on its way less what it holds (trapezoidal).
-                old = pairs.spring[q]
-                lost += 0.5 * kt * (old + spring) * (old + slid - spring)
-                stored += 0.5 * kt * spring * spring
-                dashpot_t += (along - kt * spring) * vt
-            pairs.spring[q] = spring
-            pairs.spring_back[q] = spring_back
-            pairs.ex[q], pairs.ey[q], pairs.d[q] = ex, ey, d
-            pairs.state[q] = state
-            if state == SLIDE:
-                sliding_pairs += 1
-            torque[i] += arm * ri * along
-            torque[j] += arm * rj * along
-        else:
-            pairs.state[q] = STICK
-        forcex = normal * ex - along * ey
-        forcey = normal * ey + along * ex
-        fx[i] += forcex
-        fy[i] += forcey
-        fx[j] -= forcex
-        fy[j] -= forcey
-        if record:
-            twist = 0.5 * arm * D * along
-            pxx -= forcex * dx
-            pxy -= forcex * dy
-            pyx -= forcey * dx
-            pyy -= forcey * dy
-            pt += twist
-            jx = work.wx[j] - work.wx[i] + pairs.nx[q]
-            jy = work.wy[j] - work.wy[i] + pairs.ny[q]
-            if jx == 0 and jy == 0 and plate[i] == 0 and plate[j] == 0:
-                ixx -= forcex * dx
-                ixy -= forcex * dy
-                iyx -= forcey * dx
-                iyy -= forcey * dy
-                it += twist
-            else:
-                if plate[i] == 0:
-                    lx = x[i] - work.wx[i] * width - work.wy[i] * offset - 0.5 * width
-                    ly = y[i] - work.wy[i] * height - 0.5 * height
-                    exx -= forcex * lx
-                    exy -= forcex * ly
-                    eyx -= forcey * lx
-                    eyy -= forcey * ly
-                if plate[j] == 0:
-                    lx = x[j] - work.wx[j] * width - work.wy[j] * offset - 0.5 * width
-                    ly = y[j] - work.wy[j] * height - 0.5 * height
-                    exx += forcex * lx
-                    exy += forcex * ly
-                    eyx += forcey * lx
-                    eyy += forcey * ly
-
-    work.closest[0] = closest_d2
-    work.closest[1] = closest_D2
-    work.closest[2] = longest2
-    work.closest[3] = closing
-    if record:
-        t = work.tensors
-        t[0], t[1], t[2], t[3], t[4] = pxx, pxy, pyx, pyy, pt
-        t[5], t[6], t[7], t[8], t[9] = ixx, ixy, iyx, iyy, it
-        t[10], t[11], t[12], t[13] = exx, exy, eyx, eyy
-        work.row[0] = touching_pairs
-        work.row[1] = sliding_pairs
+        find_crossing(discs, work, links, contacts, c, offset)
+        work.tensors[:] = 0.0
+        work.row[:] = 0.0
     if TALLY:
-        work.power[1], work.power[2] = dashpot_n, dashpot_t
-        work.stored[0] = stored
-        work.energy[5] += lost
+        work.power[1] = work.power[2] = work.stored[0] = 0.0
+    free = np.inf
+    link = Springs(
+        c.link_k, c.link_kt, c.link_eta, c.link_etat,
+        c.link_etat if c.stretched_dashpot else 0.0, free, free, free,
+    )  # fmt: skip
+    contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
+    for pairs, springs, count, crossing in (
+        (links, link, np.int32(links.i.shape[0]), work.crossing[0]),
+        (contacts, contact, work.near[0], work.crossing[1]),
+    ):
+        edge = 0
+        for first in range(0, count, LANES):
+            m = int(min(LANES, count - first))
+            table = pairs.table[first // LANES]
+            gather(
+                discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
+                pairs.i, pairs.j, first, m, block,
+            )  # fmt: skip
+            pair_forces(block, table, m, springs, c, offset, rate, h)
+            scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
+            if record:
+                sums = stress_of(block, table, m)
+                for t in range(5):
+                    work.tensors[t] += sums[t]
+                work.row[0] += sums[5]
+                work.row[1] += sums[6]
+                while edge < crossing and pairs.edge[edge] < first + m:
+                    q = pairs.edge[edge]
+                    stress_across(discs, work, pairs, q, q - first, c, offset)
+                    edge += 1
+            if TALLY:
+                tally_pairs(work, table, m, springs, c)
+    if TANGENTIAL:
+        for a in range(fx.shape[0]):
+            torque[a] *= discs.radius[a]
+    work.closest[0], work.closest[1], work.closest[2] = 1.0, 1.0, 0.0
+    for s in range(LANES):
+        work.closest[0] = min(work.closest[0], block[CLOSEST + s])
+        work.closest[1] = max(work.closest[1], block[LONGEST + s])
+        work.closest[2] = max(work.closest[2], block[CLOSING + s])
+    if record:
+        # The whole periodic tensor less the pairs across an edge.
+        for t in range(5):
+            work.tensors[5 + t] += work.tensors[t]
 
 
 @jit
 def relax(
     discs: Discs,
     work: Work,
-    pairs: Pairs,
-    n_links: int,
+    links: Pairs,
+    contacts: Pairs,
     constants: Constants,
     tolerance: float,
     max_steps: int,
@@ -329,26 +440,27 @@ def relax(
 
     Returns
     -------
-    pairs, steps, force
-        The pair list, the steps made and the largest net force reached [N/m].
+    contacts, steps, force
+        The list of contacts, the steps made and the largest net force reached [N/m].
     """
     n = discs.x.shape[0]
     discs.cx[:] = 0.0
     discs.cy[:] = 0.0
     work.px[:] = 0.0
     work.py[:] = 0.0
-    pairs = renew_pairs(discs, work, pairs, n_links, constants, 0.0)
+    contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
     mixing = 0.25
     downhill = 0
     scale = 0.1  # of the longest stable step
     largest = np.inf
     smallest_radius = discs.radius.min()
+    size = 2.0 * discs.radius.mean()
     steps = 0
     while steps < max_steps:
         steps += 1
         if not moved(discs, work, constants, 0.0) <= constants.skin:
-            pairs = renew_pairs(discs, work, pairs, n_links, constants, 0.0)
-        contact_forces(discs, work, pairs, n_links, constants, 0.0, 0.0, 0.0, False)
+            contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
+        contact_forces(discs, work, links, contacts, constants, 0.0, 0.0, 0.0, False)
         largest2 = 0.0
         power = 0.0
         force2 = 0.0
@@ -360,6 +472,8 @@ def relax(
             speed2 += discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a]
             power += work.fx[a] * discs.cx[a] + work.fy[a] * discs.cy[a]
         largest = np.sqrt(largest2)
+        if not np.isfinite(force2):
+            return contacts, steps, np.nan
         if largest <= tolerance:
             break
         if power > 0.0:
@@ -372,14 +486,14 @@ def relax(
             scale = max(0.02, scale * 0.5)
             mixing = 0.25
             # Half a step back, as the climb began somewhere inside the last one.
-            h = 0.5 * scale * substep(constants, work, 0.0)
+            h = 0.5 * scale * substep(constants, work, size, 0.0)
             for a in range(n):
                 discs.x[a] -= h * discs.cx[a]
                 discs.y[a] -= h * discs.cy[a]
                 discs.cx[a] = 0.0
                 discs.cy[a] = 0.0
             speed2 = 0.0
-        h = scale * substep(constants, work, 0.0)
+        h = scale * substep(constants, work, size, 0.0)
         along = mixing * np.sqrt(speed2 / force2)
         for a in range(n):
             cx = discs.cx[a] + h * work.fx[a] / discs.mass[a]
@@ -398,40 +512,48 @@ def relax(
             discs.y[a] += h * cy
     discs.cx[:] = 0.0
     discs.cy[:] = 0.0
-    return pairs, steps, largest
+    return contacts, steps, largest
 
 
-@jit
-def substep(constants: Constants, work: Work, rate: float) -> float:
-    """Return the longest substep [s] that contacts, dashpots and flow allow at this instant."""
-    # Tangent stiffness at the closest contact relative to k, from the law itself.
-    d, D = np.sqrt(work.closest[0]), np.sqrt(work.closest[1])
+@jit(_nrt=False)
+def substep(constants: Constants, work: Work, size: float, rate: float) -> float:
+    """Return the longest substep [s] that contacts, dashpots and flow allow at this instant.
+
+    ``size`` is the contact distance at which the law's tangent is read [m].
+    """
+    closest, longest = work.closest[0], work.closest[1]
     h = constants.step_stiffness
-    if d < D:
-        e = 1e-4 * D
-        slope = (law(d, D, 1.0, constants.law) - law(max(d - e, 0.0), D, 1.0, constants.law)) / e
-        h /= np.sqrt(max(1.0, slope))
+    if closest < 1.0:
+        # Tangent stiffness at the closest contact, from the law itself.
+        stiffest = max(constants.k, constants.link_k)
+        steepest = stiffest
+        d, e = closest * size, 1e-4 * size
+        for k in (constants.k, constants.link_k):
+            nearer = law(max(d - e, 0.0), size, k, constants.law)
+            steepest = max(steepest, (law(d, size, k, constants.law) - nearer) / e)
+        h *= np.sqrt(stiffest / steepest)
     # The arms of a stretched link grow with it, and what turns the discs with their square.
-    longest2 = work.closest[2]
-    h = min(h, constants.step_rolling / np.sqrt(longest2), constants.step_dashpot / longest2)
+    h = min(h, constants.step_rolling / longest, constants.step_dashpot / (longest * longest))
     if rate != 0.0:
         h = min(h, constants.step_strain / abs(rate))
     return float(h)
 
 
-@jit
-def approach_time(discs: Discs, work: Work) -> float:
+@jit(_nrt=False)
+def approach_time(discs: Discs, work: Work, smallest_radius: float) -> float:
     """Return how long [s] nobody comes so close that a contact is suddenly far stiffer.
 
     The two fastest discs could approach by half a small radius, and a contact that closes lose a
     fifth of its length.
     """
     fastest2 = 1e-300
-    for a in range(discs.x.shape[0]):
-        fastest2 = max(fastest2, discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a])
-    time = 0.25 * discs.radius.min() / np.sqrt(fastest2)
-    if work.closest[3] > 0.0:
-        time = min(time, 0.2 / work.closest[3])
+    for a in range(discs.cx.shape[0]):
+        speed2 = discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a]
+        if speed2 > fastest2:
+            fastest2 = speed2
+    time = 0.25 * smallest_radius / np.sqrt(fastest2)
+    if work.closest[2] > 0.0:
+        time = min(time, 0.2 / work.closest[2])
     return float(time)
 
 
@@ -439,8 +561,8 @@ def approach_time(discs: Discs, work: Work) -> float:
 def run(
     discs: Discs,
     work: Work,
-    pairs: Pairs,
-    n_links: int,
+    links: Pairs,
+    contacts: Pairs,
     constants: Constants,
     clock: Clock,
     first: int,
@@ -459,109 +581,83 @@ def run(
 
     Returns
     -------
-    pairs, row, substeps, status
-        The pair list, rows filled, substeps made, and RUNNING, NOT_FINITE or TOO_STIFF.
+    contacts, row, substeps, status
+        The list of contacts, rows filled, substeps made, and RUNNING, NOT_FINITE or TOO_STIFF.
     """
-    n = discs.x.shape[0]
     height, width = constants.height, constants.width
+    smallest = discs.radius.min()
+    size = 2.0 * discs.radius.mean()
     filled = 0
     substeps = 0
-    if first < 0:
-        first = 0
-        strain, rate = strain_at(clock, segment(clock, 0), 0, 0.0)
-        if not constants.affine:
-            edge_kick(discs, constants, rate)
-        for a in range(n):
-            work.px[a], work.py[a], work.pspin[a] = discs.cx[a], discs.cy[a], discs.spin[a]
-        carry_plates(discs, work, constants, rate)
-        pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
-        contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, True)
-        accelerate(discs, work, constants, rate)
-        rows[0, 0] = 0.0
-        rows[0, 1] = strain
-        rows[0, 2] = rate
-        offset = strain * height - work.turns[0] * width
-        finish_row(discs, work, constants, offset, rate, rows[0])
-        if TALLY:
-            tally(discs, work, constants, rate, 0.0)
-            energy_row(discs, work, rows[0])
-        filled = 1
-    for k in range(first, last):
-        now = segment(clock, k)
-        strain, rate = strain_at(clock, now, k, 0.0)
-        if k > 0 and now != segment(clock, k - 1):
+    for k in range(max(first, -1), last):
+        start = k < 0  # what comes before step 0
+        now = segment(clock, max(k, 0))
+        strain, rate = strain_at(clock, now, max(k, 0), 0.0)
+        if start or (k > 0 and now != segment(clock, k - 1)):
             # The rate jumps: forces anew, with the rate on this side of the jump.
-            _, before = strain_at(clock, segment(clock, k - 1), k - 1, 1.0)
+            before = 0.0 if start else strain_at(clock, segment(clock, k - 1), k - 1, 1.0)[1]
             if not constants.affine:
                 edge_kick(discs, constants, rate - before)
-            for a in range(n):
-                work.px[a], work.py[a], work.pspin[a] = discs.cx[a], discs.cy[a], discs.spin[a]
+            if start:
+                contacts = renew_contacts(discs, work, links, contacts, constants, strain)
+            kick(discs.cx, work.px, work.ax, 0.0, 0.0)
+            kick(discs.cy, work.py, work.ay, 0.0, 0.0)
+            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0)
             carry_plates(discs, work, constants, rate)
-            contact_forces(discs, work, pairs, n_links, constants, strain, rate, 0.0, TALLY)
+            contact_forces(
+                discs, work, links, contacts, constants, strain, rate, 0.0, start or TALLY,
+            )  # fmt: skip
             accelerate(discs, work, constants, rate)
             if TALLY:
                 tally(discs, work, constants, rate, 0.0)
+        if start:
+            offset = strain * height - work.turns[0] * width
+            finish_row(discs, work, constants, offset, rate, rows[0])
+            rows[0, 0], rows[0, 1], rows[0, 2] = 0.0, strain, rate
+            if TALLY:
+                energy_row(discs, work, rows[0])
+            filled = 1
+            continue
         record = (k + 1) % clock.every == 0
         peak = peak_rate(clock, now)
         at = 0
         while at < MOST_PIECES:
-            resolved = substep(constants, work, peak)
-            longest = min(resolved, approach_time(discs, work))
+            resolved = substep(constants, work, size, peak)
+            longest = min(resolved, approach_time(discs, work, smallest))
             part = MOST_PIECES
             # Parts are halves of halves, and each begins at a multiple of itself.
             while part > 1 and (clock.step * part > longest * MOST_PIECES or at % part != 0):
                 part //= 2
             if clock.step > resolved * MOST_PIECES:
-                return pairs, filled, substeps, TOO_STIFF
+                return contacts, filled, substeps, TOO_STIFF
             h = clock.step * part / MOST_PIECES
             at += part
             strain1, rate1 = strain_at(clock, now, k, at / MOST_PIECES)
-            change = strain1 - strain
             kick_rate = 0.5 * (rate1 - rate)
             if not constants.affine:
                 edge_kick(discs, constants, kick_rate)
-            half = 0.5 * h
-            for a in range(n):
-                if discs.plate[a] != 0:
-                    discs.x[a] += change * discs.plate[a] * 0.5 * height
-                    work.turn[a] = 0.0
-                    continue
-                ax, ay, aspin = work.ax[a], work.ay[a], work.aspin[a]
-                kick = h if euler else half
-                cx = discs.cx[a] + kick * ax
-                cy = discs.cy[a] + kick * ay
-                spin = discs.spin[a] + kick * aspin
-                discs.cx[a] = cx
-                discs.cy[a] = cy
-                discs.spin[a] = spin
-                middle = discs.y[a] + half * cy - 0.5 * height
-                discs.x[a] += h * cx + change * middle
-                discs.y[a] += h * cy
-                work.turn[a] = h * spin - 0.5 * change
-                if euler:
-                    work.px[a], work.py[a], work.pspin[a] = cx, cy, spin
-                else:
-                    work.px[a] = cx + half * ax
-                    work.py[a] = cy + half * ay
-                    work.pspin[a] = spin + half * aspin
+            # Half of the kick and a prediction, or all of it at once.
+            now_h, lead = (h, 0.0) if euler else (0.5 * h, 0.5 * h)
+            kick(discs.cx, work.px, work.ax, now_h, lead)
+            kick(discs.cy, work.py, work.ay, now_h, lead)
+            kick(discs.spin, work.pspin, work.aspin, now_h, lead)
+            drift(discs, work, constants, h, strain1 - strain, rate1)
             strain, rate = strain1, rate1
-            carry_plates(discs, work, constants, rate)
             way = moved(discs, work, constants, strain)
             if not way <= constants.skin:
                 if np.isnan(way):
-                    return pairs, filled, substeps, NOT_FINITE
-                pairs = renew_pairs(discs, work, pairs, n_links, constants, strain)
+                    return contacts, filled, substeps, NOT_FINITE
+                contacts = renew_contacts(discs, work, links, contacts, constants, strain)
             recording = TALLY or (record and at == MOST_PIECES)
             contact_forces(
-                discs, work, pairs, n_links, constants, strain, rate, h, recording,
+                discs, work, links, contacts, constants, strain, rate, h, recording,
             )  # fmt: skip
             accelerate(discs, work, constants, rate)
             if not euler:
-                for a in range(n):
-                    if discs.plate[a] == 0:
-                        discs.cx[a] += half * work.ax[a]
-                        discs.cy[a] += half * work.ay[a]
-                        discs.spin[a] += half * work.aspin[a]
+                # Glued discs, whose velocity is their plate's, have no acceleration.
+                add_scaled(discs.cx, 0.5 * h, work.ax)
+                add_scaled(discs.cy, 0.5 * h, work.ay)
+                add_scaled(discs.spin, 0.5 * h, work.aspin)
             if not constants.affine:
                 edge_kick(discs, constants, kick_rate)
             if TALLY:
@@ -569,14 +665,12 @@ def run(
             substeps += 1
         if record:
             row = rows[filled]
-            row[0] = (k + 1) * clock.step
-            row[1] = strain
-            row[2] = rate
+            row[0], row[1], row[2] = (k + 1) * clock.step, strain, rate
             offset = strain * height - work.turns[0] * width
             finish_row(discs, work, constants, offset, rate, row)
             if TALLY:
                 energy_row(discs, work, row)
             filled += 1
             if not np.isfinite(row[3] + row[6] + row[19] + row[21]):
-                return pairs, filled, substeps, NOT_FINITE
-    return pairs, filled, substeps, RUNNING
+                return contacts, filled, substeps, NOT_FINITE
+    return contacts, filled, substeps, RUNNING

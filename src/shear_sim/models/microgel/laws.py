@@ -109,8 +109,8 @@ def custom(source: str) -> Law:
     Raises
     ------
     ValueError
-        If the file cannot be executed or compiled, or the force is not a finite number; says
-        where, in one sentence.
+        If the file cannot be executed or compiled, or the force is not a finite number or
+        attracts at every distance; says where, in one sentence.
     """
     name = f"user_contact_law_{digest(source)}"
     module = ModuleType(name)
@@ -140,6 +140,7 @@ def custom(source: str) -> Law:
 def _try_law(force: Callable[..., Any]) -> None:
     """Compile a user's law and call it at some distances."""
     compiled = numba.njit(error_model="numpy")(force)
+    attracts = True
     for ratio in (0.999999, 0.9, 0.5, 0.1):
         try:
             value = float(compiled(ratio * 1e-4, 1e-4, 3000.0, 1.0))
@@ -157,6 +158,13 @@ def _try_law(force: Callable[..., Any]) -> None:
         if not math.isfinite(value):
             msg = f"contact_force is {value} at {ratio:g} of the contact distance"
             raise ValueError(msg)
+        attracts &= value > 0
+    if attracts:
+        msg = (
+            "contact_force must be negative (repulsive), but it is positive at every distance "
+            f"below contact, {value:g} at {ratio:g} of it: turn its sign"
+        )
+        raise ValueError(msg)
 
 
 def _law_line(error: BaseException) -> str:

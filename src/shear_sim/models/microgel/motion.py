@@ -5,13 +5,22 @@ Nothing here knows the contact law; :mod:`kernels` does. Equation numbers are th
 
 import numpy as np
 
-from shear_sim.cell import Floats, turns_of, wrap_count
+from shear_sim.cell import Floats, Ints, turns_of, wrap_count
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.state import (
+    EX,
+    LANES,
+    NEAR,
+    NX,
+    NY,
     OPEN,
     OSCILLATION,
+    PAIR_ROWS,
+    PER_SUM,
     REST,
+    STATE,
     STEADY,
+    SUM,
     Clock,
     Constants,
     Discs,
@@ -21,7 +30,7 @@ from shear_sim.models.microgel.state import (
 from shear_sim.neighbours import find_pairs
 
 
-@jit
+@jit(_nrt=False)
 def segment(clock: Clock, k: int) -> int:
     """Return the segment that the step from k to k + 1 belongs to."""
     if k < clock.begin or k >= clock.end:
@@ -29,7 +38,7 @@ def segment(clock: Clock, k: int) -> int:
     return clock.kind
 
 
-@jit
+@jit(_nrt=False)
 def strain_at(clock: Clock, kind: int, k: int, fraction: float) -> tuple[float, float]:
     """Return γ and γ̇ at step k + fraction of a step that lies in a segment of this kind.
 
@@ -52,7 +61,7 @@ def strain_at(clock: Clock, kind: int, k: int, fraction: float) -> tuple[float, 
     return clock.amplitude * span, 0.0
 
 
-@jit
+@jit(_nrt=False)
 def peak_rate(clock: Clock, kind: int) -> float:
     """Return the largest |γ̇| of a segment [1/s]."""
     if kind == OSCILLATION:
@@ -65,145 +74,249 @@ def peak_rate(clock: Clock, kind: int) -> float:
 @jit
 def empty_pairs(n: int) -> Pairs:
     """Return ``n`` pairs without discs and without history."""
+    blocks = (n + LANES - 1) // LANES
     return Pairs(
-        i=np.empty(n, np.int32), j=np.empty(n, np.int32),
-        nx=np.empty(n, np.int32), ny=np.empty(n, np.int32),
-        spring=np.zeros(n), spring_back=np.zeros(n),
-        ex=np.zeros(n), ey=np.zeros(n), d=np.zeros(n), state=np.zeros(n, np.int32),
+        i=np.zeros(n, np.uint32), j=np.zeros(n, np.uint32),
+        table=np.zeros((blocks, PAIR_ROWS * LANES)), edge=np.zeros(n, np.int32),
     )  # fmt: skip
 
 
-def order_pairs(pairs: Pairs) -> None:
-    """Name the disc of lower number first in every pair; springs do not mind."""
-    swap = pairs.i > pairs.j
-    pairs.i[swap], pairs.j[swap] = pairs.j[swap], pairs.i[swap]
-    pairs.nx[swap] *= -1
-    pairs.ny[swap] *= -1
+@jit(_nrt=False)
+def add_scaled(to: Floats, factor: float, values: Floats) -> None:
+    """Add ``factor`` × ``values`` to ``to``; arrays (N,)."""
+    for a in range(to.shape[0]):
+        to[a] += factor * values[a]
+
+
+@jit(_nrt=False)
+def kick(velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float) -> None:
+    """Kick velocities for ``h`` seconds and predict them ``lead`` seconds later; arrays (N,)."""
+    for a in range(velocity.shape[0]):
+        velocity[a] += h * acceleration[a]
+        predicted[a] = velocity[a] + lead * acceleration[a]
+
+
+@jit(_nrt=False)
+def drift(
+    discs: Discs, work: Work, constants: Constants, h: float, change: float, rate: float
+) -> None:
+    """Move discs by ``h`` seconds, in which the strain changes by ``change`` and ends at ``rate``.
+
+    Loops that write one array, or two, are the ones that the compiler turns into vectors.
+    """
+    x, y, cx, cy, turn, spin = discs.x, discs.y, discs.cx, discs.cy, work.turn, discs.spin
+    height = constants.height
+    for a in range(x.shape[0]):
+        x[a] += h * cx[a] + change * (y[a] + 0.5 * h * cy[a] - 0.5 * height)
+    if constants.plates:
+        for a in range(x.shape[0]):
+            if discs.plate[a] != 0.0:  # goes with its plate instead
+                x[a] += change * (discs.plate[a] * 0.5 * height - (y[a] - 0.5 * height))
+                x[a] -= h * cx[a]
+    for a in range(x.shape[0]):
+        y[a] += h * cy[a]
+        turn[a] = h * spin[a] - 0.5 * change
+    carry_plates(discs, work, constants, rate)
+
+
+@jit(_nrt=False)
+def find_in(start: Ints, j: Ints, nx: Ints, ny: Ints, pairs: Pairs, q: int) -> int:
+    """Return the place of pair ``q`` in the list of `find_pairs`, or −1."""
+    table, lane = pairs.table[q // LANES], q % LANES
+    a = pairs.i[q]
+    for c in range(start[a], start[a + 1]):
+        if j[c] == pairs.j[q] and nx[c] == table[NX + lane] and ny[c] == table[NY + lane]:
+            return c
+    return -1
+
+
+@jit(_nrt=False)
+def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
+    """Rename the images of pairs after a re-gridding by ``turns`` and the return of discs."""
+    for q in range(pairs.i.shape[0]):
+        table, lane = pairs.table[q // LANES], q % LANES
+        i, j = pairs.i[q], pairs.j[q]
+        ny = table[NY + lane]
+        table[NX + lane] += ny * turns + (work.wx[j] - work.wx[i])
+        table[NY + lane] = ny + (work.wy[j] - work.wy[i])
 
 
 @jit
-def renew_pairs(
-    discs: Discs, work: Work, pairs: Pairs, n_links: int, constants: Constants, strain: float
+def renew_contacts(
+    discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
 ) -> Pairs:
-    """Bring discs back into the cell and return a new pair list that keeps links and springs."""
+    """Bring discs back into the cell and return a new list of contacts that keeps their springs."""
     n = discs.x.shape[0]
-    width, height = constants.width, constants.height
+    x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
+    width, height, skin = constants.width, constants.height, constants.skin
+    offset = 0.0
     if constants.periodic:
         turns = turns_of(strain, width, height)
-        for q in range(pairs.i.shape[0]):
-            pairs.nx[q] += pairs.ny[q] * (turns - work.turns[0])
-        work.turns[0] = turns
         offset = strain * height - turns * width
-        wrap_count(discs.x, discs.y, width, height, offset, work.wx, work.wy)
+        wrap_count(x, y, width, height, offset, work.wx, work.wy)
         for a in range(n):
-            discs.x[a] -= work.wx[a] * width + work.wy[a] * offset
-            discs.y[a] -= work.wy[a] * height
-        for q in range(pairs.i.shape[0]):
-            pairs.nx[q] += work.wx[pairs.j[q]] - work.wx[pairs.i[q]]
-            pairs.ny[q] += work.wy[pairs.j[q]] - work.wy[pairs.i[q]]
-        start, i, j, nx, ny = find_pairs(
-            discs.x, discs.y, discs.radius, constants.skin, width, height, offset
-        )
+            x[a] -= work.wx[a] * width + work.wy[a] * offset
+            y[a] -= work.wy[a] * height
+        change = turns - work.turns[0]
+        work.turns[0] = turns
+        shift_images(links, work, change)
+        shift_images(contacts, work, change)
+        start, i, j, nx, ny = find_pairs(x, y, radius, skin, width, height, offset)
     else:
         # A cell so large that no image is near anybody.
-        left, low = discs.x.min(), discs.y.min()
-        reach = 2.0 * (2.0 * discs.radius.max() + constants.skin)
+        left, low = x.min(), y.min()
+        reach = 2.0 * (2.0 * radius.max() + skin)
         start, i, j, nx, ny = find_pairs(
-            discs.x - left, discs.y - low, discs.radius, constants.skin,
-            discs.x.max() - left + reach, discs.y.max() - low + reach, 0.0,
+            x - left, y - low, radius, skin, x.max() - left + reach, y.max() - low + reach, 0.0,
         )  # fmt: skip
-    for a in range(n):
-        work.x0[a] = discs.x[a]
-        work.y0[a] = discs.y[a]
+    work.x0[:] = x
+    work.y0[:] = y
     work.strain0[0] = strain
+    work.largest[0] = radius.max()
+    work.crossing[:] = -1
 
-    # Linked pairs are not contacts too (through another image they may be). The rest keep their
-    # history, found by discs and image; ``source`` is the old number of each new pair, or −1.
-    old_j, old_nx, old_ny = pairs.j, pairs.nx, pairs.ny
+    # Linked pairs are not contacts too (through another image they may be), nor are glued discs.
+    # The rest keep their history; ``source`` is the old number of each new pair, or −1. They are
+    # ordered by how far the discs must move to touch, ``near`` of them for each distance.
     source = np.full(i.shape[0], -1, np.int32)
-    kept = i.shape[0]
-    for q in range(pairs.i.shape[0]):
-        if q >= n_links and pairs.state[q] == OPEN:
-            continue
-        for c in range(start[pairs.i[q]], start[pairs.i[q] + 1]):
-            if j[c] == old_j[q] and nx[c] == old_nx[q] and ny[c] == old_ny[q]:
+    group = np.empty(i.shape[0], np.int32)
+    for c in range(i.shape[0]):
+        dx = x[j[c]] - x[i[c]] + (nx[c] * width + ny[c] * offset)
+        dy = y[j[c]] - y[i[c]] + ny[c] * height
+        gap = np.sqrt(dx * dx + dy * dy) - (radius[i[c]] + radius[j[c]])
+        group[c] = min(max(int(NEAR * gap / skin), 0), NEAR - 1)
+        if plate[i[c]] != 0.0 and plate[j[c]] != 0.0:
+            group[c] = NEAR
+    for q in range(links.i.shape[0]):
+        table, lane = links.table[q // LANES], q % LANES
+        table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
+        table[PER_SUM + lane] = 1.0 / table[SUM + lane]
+        c = find_in(start, j, nx, ny, links, q)
+        if c >= 0:
+            group[c] = NEAR
+    for q in range(contacts.i.shape[0]):
+        if contacts.table[q // LANES, STATE + q % LANES] != OPEN:
+            c = find_in(start, j, nx, ny, contacts, q)
+            if c >= 0:
                 source[c] = q
-                if q < n_links:
-                    kept -= 1
-                break
-    new = empty_pairs(n_links + kept)
-    fill = n_links
-    for c in range(-n_links, i.shape[0]):
-        if c < 0:  # the links come first, in their order
-            q = c + n_links
-            to = q
-        else:
-            q = source[c]
-            if 0 <= q < n_links:
-                continue
-            to = fill
-            fill += 1
-        if q >= 0:
-            new.i[to], new.j[to], new.nx[to], new.ny[to] = (
-                pairs.i[q],
-                old_j[q],
-                old_nx[q],
-                old_ny[q],
-            )
-            new.spring[to], new.spring_back[to] = pairs.spring[q], pairs.spring_back[q]
-            new.ex[to], new.ey[to], new.d[to] = pairs.ex[q], pairs.ey[q], pairs.d[q]
-            new.state[to] = pairs.state[q]
-        else:
-            new.i[to], new.j[to], new.nx[to], new.ny[to] = i[c], j[c], nx[c], ny[c]
+    near = work.near
+    near[:] = 0
+    for c in range(i.shape[0]):
+        if group[c] < NEAR:
+            near[1 + group[c]] += 1
+    for g in range(NEAR):
+        near[g + 1] += near[g]
+    fill = near.copy()
+    new = empty_pairs(near[NEAR])
+    for c in range(i.shape[0]):
+        if group[c] == NEAR:
+            continue
+        q = fill[group[c]]
+        fill[group[c]] += 1
+        table, lane = new.table[q // LANES], q % LANES
+        new.i[q], new.j[q] = i[c], j[c]
+        if source[c] >= 0:
+            old, from_lane = contacts.table[source[c] // LANES], source[c] % LANES
+            for row in range(EX, PAIR_ROWS * LANES, LANES):
+                table[row + lane] = old[row + from_lane]
+        table[NX + lane], table[NY + lane] = nx[c], ny[c]
+        table[SUM + lane] = radius[i[c]] + radius[j[c]]
+        table[PER_SUM + lane] = 1.0 / (radius[i[c]] + radius[j[c]])
+    near[0] = near[1]
     return new
 
 
-@jit
+@jit(_nrt=False)
 def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> float:
-    """Return by how much two discs may have approached since the pair list was made [m].
+    """Return by how much two discs may have approached since the contact list was made [m].
 
     What counts is the displacement relative to the affine flow, and the flow across one contact.
-    The list holds all touching pairs while this is at most the skin. Not a number, or more than
-    1000 cells, says that the motion has exploded.
+    The list holds all touching pairs while this is at most the skin, and the first ``work.near[0]``
+    are enough, which this function sets. Not a number, or more than 1000 cells, says that the
+    motion has exploded.
     """
     change = strain - work.strain0[0]
-    farthest = 0.0
+    middle = 0.5 * constants.height
+    farthest2 = 0.0
     total = 0.0
     for a in range(discs.x.shape[0]):
-        y = discs.y[a]
-        dx = discs.x[a] - work.x0[a] - change * (y - 0.5 * constants.height)
-        dy = y - work.y0[a]
+        dx = discs.x[a] - work.x0[a] - change * (discs.y[a] - middle)
+        dy = discs.y[a] - work.y0[a]
         r2 = dx * dx + dy * dy
-        farthest = max(farthest, r2)
-        total += r2  # max() may lose a NaN
+        total += r2  # a comparison may lose what is not a number
+        if r2 > farthest2:
+            farthest2 = r2
     if not total < (1000.0 * constants.width) ** 2:
         return np.nan
-    return float(2.0 * np.sqrt(farthest) + abs(change) * 2.0 * discs.radius.max())
+    way = 2.0 * np.sqrt(farthest2) + abs(change) * 2.0 * work.largest[0]
+    if way <= constants.skin:
+        # A pair that has touched since stays in, so that its history is not lost.
+        near = work.near[1 + min(int(NEAR * way / constants.skin), NEAR - 1)]
+        work.near[0] = max(work.near[0], near)
+    return float(way)
 
 
-@jit
+@jit(_nrt=False)
+def find_crossing(
+    discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, offset: float
+) -> None:
+    """Find the image of the cell that each disc is in, and the pairs across an edge of the cell."""
+    if constants.periodic:
+        if (
+            not wrap_count(
+                discs.x, discs.y, constants.width, constants.height, offset, work.wx, work.wy
+            )
+            and work.crossing[0] >= 0
+        ):
+            return
+    else:
+        work.wx[:] = 0
+        work.wy[:] = 0
+        if work.crossing[0] >= 0:
+            return
+    for which, pairs in enumerate((links, contacts)):
+        count = 0
+        for q in range(pairs.i.shape[0]):
+            i, j = pairs.i[q], pairs.j[q]
+            table, lane = pairs.table[q // LANES], q % LANES
+            if (
+                work.wx[j] - work.wx[i] + table[NX + lane] != 0.0
+                or work.wy[j] - work.wy[i] + table[NY + lane] != 0.0
+                or discs.plate[i] != 0.0
+                or discs.plate[j] != 0.0
+            ):
+                pairs.edge[count] = q
+                count += 1
+        work.crossing[which] = count
+
+
+@jit(_nrt=False)
 def accelerate(discs: Discs, work: Work, constants: Constants, rate: float) -> None:
     """Accelerations (M.1) from forces and predicted velocities; glued discs have none."""
-    damping = constants.damping
+    damping, spin_damping = constants.damping, constants.spin_damping
     target = constants.spin_target * rate
-    for a in range(discs.x.shape[0]):
-        if discs.plate[a] != 0:
-            work.ax[a] = 0.0
-            work.ay[a] = 0.0
-            work.aspin[a] = 0.0
-            continue
-        work.ax[a] = work.fx[a] / discs.mass[a] - rate * work.py[a] - damping * work.px[a]
-        work.ay[a] = work.fy[a] / discs.mass[a] - damping * work.py[a]
-        work.aspin[a] = work.torque[a] / discs.inertia[a] - constants.spin_damping * (
-            work.pspin[a] - target
-        )
+    mass, inertia, plate = discs.mass, discs.inertia, discs.plate
+    px, py, pspin = work.px, work.py, work.pspin
+    fx, fy, torque = work.fx, work.fy, work.torque
+    ax, ay, aspin = work.ax, work.ay, work.aspin
+    for a in range(mass.shape[0]):
+        free = 1.0 - abs(plate[a])
+        ax[a] = free * (fx[a] / mass[a] - damping * px[a] - rate * py[a])
+    for a in range(mass.shape[0]):
+        free = 1.0 - abs(plate[a])
+        ay[a] = free * (fy[a] / mass[a] - damping * py[a])
+    for a in range(mass.shape[0]):
+        free = 1.0 - abs(plate[a])
+        aspin[a] = free * (torque[a] / inertia[a] - spin_damping * (pspin[a] - target))
 
 
-@jit
+@jit(_nrt=False)
 def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) -> None:
     """Give glued discs the velocity of their plate, ±γ̇ L_y/2, and no rotation."""
+    if not constants.plates:
+        return
     for a in range(discs.x.shape[0]):
-        if discs.plate[a] != 0:
+        if discs.plate[a] != 0.0:
             half = 0.5 * constants.height
             discs.cx[a] = rate * (discs.plate[a] * half - (discs.y[a] - half))
             discs.cy[a] = 0.0
@@ -211,9 +324,10 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
             work.px[a] = discs.cx[a]
             work.py[a] = 0.0
             work.pspin[a] = discs.spin[a]
+            work.turn[a] = 0.0
 
 
-@jit
+@jit(_nrt=False)
 def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
     """Take back the affine kick of a rate change: inertia alone, for a cell driven at its edges."""
     for a in range(discs.x.shape[0]):
@@ -225,7 +339,34 @@ def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
             discs.spin[a] += 0.5 * change
 
 
-@jit
+# Sums in whatever order is fast: the same one for the same processor.
+@jit(fastmath={"reassoc"}, _nrt=False)
+def disc_sums(
+    discs: Discs, work: Work, constants: Constants, offset: float, rate: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return sums over free discs: torque, spin energy, m c c (xx, xy, yy), F (x − L/2)."""
+    width, height = constants.width, constants.height
+    torque = kinetic = xx = xy = yy = uxx = uxy = uyx = uyy = 0.0
+    for a in range(discs.x.shape[0]):
+        free = 1.0 - abs(discs.plate[a])
+        torque += free * work.torque[a]
+        omega = discs.spin[a] - 0.5 * rate
+        kinetic += free * (0.5 * discs.inertia[a] * omega * omega)
+        m, cx, cy = free * discs.mass[a], discs.cx[a], discs.cy[a]
+        xx += m * cx * cx
+        xy += m * cx * cy
+        yy += m * cy * cy
+        lx = discs.x[a] - work.wx[a] * width - work.wy[a] * offset - 0.5 * width
+        ly = discs.y[a] - work.wy[a] * height - 0.5 * height
+        fx, fy = free * work.fx[a], free * work.fy[a]
+        uxx += fx * lx
+        uxy += fx * ly
+        uyx += fy * lx
+        uyy += fy * ly
+    return torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy
+
+
+@jit(_nrt=False)
 def finish_row(
     discs: Discs, work: Work, constants: Constants, offset: float, rate: float, row: Floats
 ) -> None:
@@ -234,27 +375,10 @@ def finish_row(
     tensors = work.tensors
     for c in range(14):
         row[3 + c] = tensors[c] / volume
-    torque = 0.0
-    kinetic = 0.0
-    xx = xy = yy = 0.0
     # Σ F (x − L/2) over free discs: with the external tensor it makes up Love and Weber's (S1-19).
-    uxx = uxy = uyx = uyy = 0.0
-    for a in range(discs.x.shape[0]):
-        if discs.plate[a] != 0:
-            continue
-        torque += work.torque[a]
-        omega = discs.spin[a] - 0.5 * rate
-        kinetic += 0.5 * discs.inertia[a] * omega * omega
-        m, cx, cy = discs.mass[a], discs.cx[a], discs.cy[a]
-        xx += m * cx * cx
-        xy += m * cx * cy
-        yy += m * cy * cy
-        lx = discs.x[a] - work.wx[a] * constants.width - work.wy[a] * offset - 0.5 * constants.width
-        ly = discs.y[a] - work.wy[a] * constants.height - 0.5 * constants.height
-        uxx += work.fx[a] * lx
-        uxy += work.fx[a] * ly
-        uyx += work.fy[a] * lx
-        uyy += work.fy[a] * ly
+    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = disc_sums(
+        discs, work, constants, offset, rate
+    )
     error = max(
         abs(tensors[5] - tensors[10] - uxx), abs(tensors[6] - tensors[11] - uxy),
         abs(tensors[7] - tensors[12] - uyx), abs(tensors[8] - tensors[13] - uyy),
@@ -271,7 +395,7 @@ def finish_row(
     row[23] = work.row[1] / max(work.row[0], 1.0)
 
 
-@jit
+@jit(_nrt=False)
 def tally(discs: Discs, work: Work, constants: Constants, rate: float, h: float) -> None:
     """Add the last ``h`` seconds to the energy balance (trapezoidal).
 
@@ -303,7 +427,7 @@ def tally(discs: Discs, work: Work, constants: Constants, rate: float, h: float)
     power[5], power[6] = power[1], power[2]
 
 
-@jit
+@jit(_nrt=False)
 def energy_row(discs: Discs, work: Work, row: Floats) -> None:
     """Append energies per metre of depth [J/m] to a record: kinetic, elastic, then the balance."""
     kinetic = 0.0

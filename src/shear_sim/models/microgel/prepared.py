@@ -8,11 +8,9 @@ import numpy as np
 from shear_sim.models.microgel.parameters import Integrator, MicrogelPoint
 from shear_sim.models.microgel.simulation import (
     MicrogelSimulation,
-    contact_law,
-    kernels_for,
+    kernels_of,
     make_clock,
     make_start,
-    needs_tangential,
 )
 from shear_sim.models.microgel.state import STEADY, Clock, Constants, Discs, Pairs
 from shear_sim.streams import Streams
@@ -80,15 +78,13 @@ class PreparedMicrogel:
             }
         )
         discs = _copied(self._start.discs)
-        pairs = _copied(self._start.pairs)
+        links, contacts = _copied(self._start.links), _copied(self._start.contacts)
         if displacement:
             free = discs.plate == 0
             for position, direction in zip((discs.x, discs.y), self._directions, strict=True):
                 position[free] += displacement * self.mean_radius * direction[free]
-        law = contact_law(point.model)
-        kernels = kernels_for(law, needs_tangential(point.model), energy)
         return MicrogelSimulation(
-            point, kernels, discs, pairs, self._start.n_links,
+            point, kernels_of(point), discs, links, contacts,
             _refined(self._start.constants, factor), clock,
             self._start.preparation,
         )  # fmt: skip

@@ -20,15 +20,21 @@ from shear_sim.models.microgel.parameters import (
     MicrogelPoint,
     Record,
 )
-from shear_sim.models.microgel.startfile import GivenPairs, read_start
+from shear_sim.models.microgel.startfile import read_start
 from shear_sim.models.microgel.state import (
-    COULOMB,
+    BLOCK_ROWS,
     ENERGIES,
+    LANES,
     MOST_PIECES,
+    NEAR,
+    NX,
+    NY,
     OSCILLATION,
-    RESET,
     ROW,
     RUNNING,
+    SPRING,
+    SPRING_BACK,
+    STATE,
     STEADY,
     STICK,
     TOO_STIFF,
@@ -36,9 +42,13 @@ from shear_sim.models.microgel.state import (
     Constants,
     Discs,
     Pairs,
+    PairState,
     Work,
+    column,
+    listed,
+    set_column,
 )
-from shear_sim.packing import Packing, cell_height, start_discs
+from shear_sim.packing import Equilibration, Packing, cell_height, start_discs
 from shear_sim.protocol import OscillatoryShear, Shear
 from shear_sim.streams import Streams
 
@@ -49,12 +59,28 @@ REST_DAMPING = 0.5  # 1/τ, while a packing comes to rest
 
 
 @cache
-def kernels_for(law: laws.Law, tangential: bool, tally: bool = False) -> ModuleType:
+def kernels_for(
+    law: laws.Law, tangential: bool, tally: bool = False, reset: bool = False
+) -> ModuleType:
     """Return the kernels compiled for a contact law, with what a scene needs and no more."""
-    key = f"{law.__name__}-{tangential}-{tally}"
+    key = f"{law.__name__}-{tangential}-{tally}-{reset}"
     module = variant("shear_sim.models.microgel.kernels", key)
-    vars(module).update(law=law, TANGENTIAL=tangential, TALLY=tally)
+    vars(module).update(law=law, TANGENTIAL=tangential, TALLY=tally, RESET=reset)
     return module
+
+
+def kernels_of(point: MicrogelPoint) -> ModuleType:
+    """Return the kernels of a point.
+
+    Raises
+    ------
+    SimulationError
+        If the user's contact law does not work.
+    """
+    model = point.model
+    return kernels_for(
+        contact_law(model), needs_tangential(model), point.record.energy, model.sliding == "reset"
+    )
 
 
 def needs_tangential(model: Microgel) -> bool:
@@ -98,7 +124,7 @@ def make_discs(
             np.zeros(n) if spin is None else spin, radius, mass, inertia,
         )
     )  # fmt: skip
-    return Discs(x, y, cx, cy, s, r, m, i, np.zeros(n, np.int32))
+    return Discs(x, y, cx, cy, s, r, m, i, np.zeros(n))
 
 
 def make_work(n: int) -> Work:
@@ -111,26 +137,47 @@ def make_work(n: int) -> Work:
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
-        turn=per_disc(),
+        turn=per_disc(), rim=per_disc(), rolled=per_disc(),
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
-        strain0=np.zeros(1), turns=np.zeros(1, np.int32),
-        closest=np.ones(4), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+        strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
+        near=np.zeros(NEAR + 1, np.int32), crossing=np.full(2, -1, np.int32),
+        block=np.zeros(BLOCK_ROWS * LANES),
+        closest=np.array([1.0, 1.0, 0.0]), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
         stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),
     )  # fmt: skip
 
 
 def make_pairs(
-    pairs: NDArray[np.int64] | None = None, image: NDArray[np.int64] | None = None
+    pairs: NDArray[np.int64] | None = None,
+    image: NDArray[np.int64] | None = None,
+    spring: FloatArray | float = 0.0,
+    spring_back: FloatArray | float = 0.0,
 ) -> Pairs:
-    """Return pairs (P, 2) with the images (P, 2) of their second discs, springs at rest."""
+    """Return pairs (P, 2) with the images (P, 2) of their second discs and their springs [m].
+
+    They are links, or contacts that have touched before.
+    """
     pairs = np.zeros((0, 2), np.int64) if pairs is None else pairs
     image = np.zeros_like(pairs) if image is None else image
+    ordered = np.sort(pairs, axis=1)
+    sign = np.where(pairs[:, 0] > pairs[:, 1], -1, 1)  # the disc of lower number comes first
     new = motion.empty_pairs(len(pairs))
-    new.i[:], new.j[:] = pairs.T
-    new.nx[:], new.ny[:] = image.T
-    motion.order_pairs(new)
+    new.i[:], new.j[:] = ordered.T
+    set_column(new, NX, image[:, 0] * sign)
+    set_column(new, NY, image[:, 1] * sign)
+    set_column(new, SPRING, spring)
+    set_column(new, SPRING_BACK, spring_back)
+    set_column(new, STATE, STICK)
     return new
+
+
+def take_pairs(pairs: Pairs, chosen: NDArray[np.bool_]) -> Pairs:
+    """Return the ``chosen`` (P,) of ``pairs`` with their springs."""
+    ends = np.column_stack([pairs.i, pairs.j]).astype(np.int64)
+    image = np.column_stack([column(pairs, NX), column(pairs, NY)]).astype(np.int64)
+    springs = column(pairs, SPRING), column(pairs, SPRING_BACK)
+    return make_pairs(ends[chosen], image[chosen], *(spring[chosen] for spring in springs))
 
 
 def time_scale(model: Microgel, mass: FloatArray) -> tuple[float, float]:
@@ -167,13 +214,13 @@ def make_constants(
         width=float(width),
         height=float(height),
         periodic=point.cell.boundary != "open",
+        plates=point.cell.boundary == "plates",
         k=contact[0], kt=contact[1], eta=contact[2], etat=contact[3],
         link_k=link[0], link_kt=link[1], link_eta=link[2], link_etat=link[3],
         friction=float(model.friction),
         law=p,
         may_pull=model.dashpot == "attractive",
         stretched_dashpot=model.links.stretched_tangential_dashpot,
-        sliding=COULOMB if model.sliding == "coulomb" else RESET,
         contact_arms_in_velocity=model.lever_arms == "conjugate",
         contact_arms_in_torque=model.lever_arms != "otsuki2017",
         damping=damping,
@@ -209,14 +256,16 @@ class MicrogelSimulation:
         point: MicrogelPoint,
         kernels: ModuleType,
         discs: Discs,
-        pairs: Pairs,
-        n_links: int,
+        links: Pairs,
+        contacts: Pairs,
         constants: Constants,
         clock: Clock,
         preparation: dict[str, Any],
     ) -> None:
         self.point, self.kernels = point, kernels
-        self.discs, self.pairs, self.n_links = discs, pairs, n_links
+        glued = (discs.plate[links.i] != 0) & (discs.plate[links.j] != 0)
+        self.links = take_pairs(links, ~glued)  # links of the outside world
+        self.discs, self.contacts = discs, contacts
         self.constants, self.clock = constants, clock
         self.preparation = preparation
         self.work = make_work(len(discs.x))
@@ -232,6 +281,15 @@ class MicrogelSimulation:
         """Number of records of the whole protocol."""
         return self.steps // self.clock.every + 1
 
+    @property
+    def pairs(self) -> PairState:
+        """State of all links, then of all listed contacts."""
+        links, contacts = listed(self.links), listed(self.contacts)
+        fields = PairState._fields
+        return PairState(
+            *(np.concatenate([getattr(links, f), getattr(contacts, f)]) for f in fields)
+        )
+
     def advance(self, rows: int) -> None:
         """Make the next records."""
         until = min(self.done + rows, self.rows)
@@ -239,8 +297,8 @@ class MicrogelSimulation:
             return
         first = (self.done - 1) * self.clock.every  # negative: the first record comes first
         last = (until - 1) * self.clock.every
-        self.pairs, filled, substeps, status = self.kernels.run(
-            self.discs, self.work, self.pairs, self.n_links, self.constants, self.clock,
+        self.contacts, filled, substeps, status = self.kernels.run(
+            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
             first, last, self.point.integrator.scheme == "semi_implicit_euler",
             self._table[self.done : until],
         )  # fmt: skip
@@ -340,8 +398,8 @@ class Start(NamedTuple):
     """A packing at rest, linked and ready to be sheared: where runs of a point start from."""
 
     discs: Discs
-    pairs: Pairs
-    n_links: int
+    links: Pairs
+    contacts: Pairs
     constants: Constants
     period: float  # T [s]
     preparation: dict[str, Any]
@@ -350,12 +408,9 @@ class Start(NamedTuple):
 def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     """Prepare the simulation of a point, see :func:`make_start`."""
     start = make_start(point, streams)
-    kernels = kernels_for(
-        contact_law(point.model), needs_tangential(point.model), point.record.energy
-    )
     clock = make_clock(point.shear, start.period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(
-        point, kernels, start.discs, start.pairs, start.n_links, start.constants, clock,
+        point, kernels_of(point), start.discs, start.links, start.contacts, start.constants, clock,
         start.preparation,
     )  # fmt: skip
 
@@ -363,7 +418,7 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
 def make_start(point: MicrogelPoint, streams: Streams) -> Start:
     """Make the packing of a point, bring it to rest, link it, and bring it to rest again."""
     model = point.model
-    discs, pairs, n_links, width, height = _start(point, streams)
+    discs, links, contacts, width, height = _start(point, streams)
     _, tau = time_scale(model, discs.mass)
     period = tau / point.shear.relative_frequency
     constants = make_constants(point, discs, width, height, period)
@@ -371,16 +426,14 @@ def make_start(point: MicrogelPoint, streams: Streams) -> Start:
 
     preparation = _relax(point, law, discs, constants)
     if model.links.cut not in ("none", "file"):
-        pairs, report = _link(model.links, streams, discs, constants)
-        n_links = len(pairs.i)
+        links, report = _link(model.links, streams, discs, constants)
         preparation |= report
-    kernels = kernels_for(law, needs_tangential(model), point.record.energy)
-    pairs, settled = _settle(point, kernels, discs, pairs, n_links, constants, tau)
+    contacts, settled = _settle(point, discs, links, contacts, constants, tau)
     preparation |= settled
     if point.cell.boundary == "plates":
         glue(discs, height)
         preparation["glued_discs"] = int((discs.plate != 0).sum())
-    return Start(discs, pairs, n_links, constants, period, preparation)
+    return Start(discs, links, contacts, constants, period, preparation)
 
 
 def contact_law(model: Microgel) -> laws.Law:
@@ -392,13 +445,13 @@ def contact_law(model: Microgel) -> laws.Law:
         raise SimulationError(msg) from None
 
 
-def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, int, float, float]:
-    """Return discs, given pairs, number of given links, and the cell's width and height [m]."""
+def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, Pairs, float, float]:
+    """Return discs, links and contacts that are given, and the cell's width and height [m]."""
     packing = point.packing
     if packing.start != "file":
         start = start_discs(packing, point.cell, streams)
         discs = make_discs(start.position, start.radius, density=packing.density)
-        return discs, make_pairs(), 0, start.width, start.height
+        return discs, make_pairs(), make_pairs(), start.width, start.height
     try:
         given = read_start(packing, point.cell)
     except ValueError as error:
@@ -413,14 +466,16 @@ def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, int, f
         velocity=given.velocity,
         spin=given.spin,
     )
-    pairs = motion.empty_pairs(len(given.links.i) + len(given.contacts.i))
-    for name in GivenPairs._fields:
-        both = [getattr(given.links, name), getattr(given.contacts, name)]
-        getattr(pairs, name)[:] = np.concatenate(both)
-    motion.order_pairs(pairs)
-    n_links = len(given.links.i)
-    pairs.state[n_links:] = STICK  # a contact that is given has touched before
-    return discs, pairs, n_links, point.cell.width, cell_height(packing, point.cell)
+    links, contacts = (
+        make_pairs(
+            np.column_stack([pairs.i, pairs.j]).astype(np.int64),
+            np.column_stack([pairs.nx, pairs.ny]).astype(np.int64),
+            pairs.spring,
+            pairs.spring_back,
+        )
+        for pairs in (given.links, given.contacts)
+    )
+    return discs, links, contacts, point.cell.width, cell_height(packing, point.cell)
 
 
 def _relax(
@@ -441,16 +496,19 @@ def _relax(
         step_dashpot=math.inf,
     )
     linear = at_rest._replace(law=(0.0, *constants.law[1:]))
-    work, pairs, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0
+    work, contacts, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0
     for stage_law, stage, tolerance in (
         (laws.divergent, linear, 1e-3),
         (law, at_rest, 0.5 * rest.force_tolerance),  # half, as settling adds its own rounding
     ):
         kernels = kernels_for(stage_law, tangential=False)
-        pairs, made, force = kernels.relax(
-            discs, work, pairs, 0, stage, tolerance * unit, rest.max_steps
+        contacts, made, force = kernels.relax(
+            discs, work, make_pairs(), contacts, stage, tolerance * unit, rest.max_steps
         )
         steps += made
+        if not math.isfinite(force):
+            msg = "the contact law gave a force that is not a number while the packing was made"
+            raise SimulationError(msg)
     return {"relaxation_steps": steps, "relaxed_force": force / unit}
 
 
@@ -458,7 +516,9 @@ def _link(
     section: Links, streams: Streams, discs: Discs, constants: Constants
 ) -> tuple[Pairs, dict[str, Any]]:
     """Link touching discs and cut the network into particles."""
-    motion.renew_pairs(discs, make_work(len(discs.x)), make_pairs(), 0, constants, 0.0)
+    motion.renew_contacts(
+        discs, make_work(len(discs.x)), make_pairs(), make_pairs(), constants, 0.0
+    )
     network = touching_pairs(
         np.column_stack([discs.x, discs.y]),
         discs.radius,
@@ -485,15 +545,15 @@ def glue(discs: Discs, height: float) -> None:
 
 def _settle(
     point: MicrogelPoint,
-    kernels: ModuleType,
     discs: Discs,
-    pairs: Pairs,
-    n_links: int,
+    links: Pairs,
+    contacts: Pairs,
     constants: Constants,
     tau: float,
 ) -> tuple[Pairs, dict[str, Any]]:
     """Let a linked, frictional packing come to rest at zero strain, in damped dynamics."""
     rest = point.packing.equilibration
+    kernels = kernels_of(point)
     unit = force_unit(constants, discs)
     energy_unit = unit * 2 * float(discs.radius.mean())
     damped = constants._replace(
@@ -505,7 +565,7 @@ def _settle(
     rows = np.empty((2, len(ROW + ENERGIES)))
     steps = 0
     while True:
-        pairs, *_ = kernels.run(discs, work, pairs, n_links, damped, clock, -1, 0, False, rows)
+        contacts, *_ = kernels.run(discs, work, links, contacts, damped, clock, -1, 0, False, rows)
         force = float(np.hypot(work.fx, work.fy).max()) / unit
         turning = float((np.abs(work.torque) / discs.radius).max()) / unit
         speed2 = discs.cx**2 + discs.cy**2
@@ -513,17 +573,17 @@ def _settle(
         at_rest = max(force, turning) <= rest.force_tolerance and energy <= rest.energy_tolerance
         if at_rest or steps >= rest.max_steps:
             break
-        pairs, _, _, status = kernels.run(
-            discs, work, pairs, n_links, damped, clock, -1, block, False, rows
+        contacts, _, substeps, status = kernels.run(
+            discs, work, links, contacts, damped, clock, -1, block, False, rows
         )
         if status != RUNNING:
             msg = "the packing exploded while it came to rest"
             raise SimulationError(msg)
-        steps += block
+        steps += substeps
     if steps:  # a drift of the whole packing is not motion of the packing
         for velocity in (discs.cx, discs.cy):
             velocity -= (discs.mass * velocity).sum() / discs.mass.sum()
-    return pairs, {
+    return contacts, {
         "settling_steps": steps,
         "unbalanced_force": max(force, turning),
         "kinetic_energy": float(energy),
@@ -533,17 +593,20 @@ def _settle(
 
 def compile_kernels(points: Sequence[MicrogelPoint]) -> None:
     """Compile every kernel that ``points`` need: a few steps of a small packing of each kind."""
-    small = Packing(discs=20, packing_fraction=1.0)
+    # A user's law may never let a packing come to rest.
+    rest = Equilibration(max_steps=50)
+    small = Packing(discs=20, packing_fraction=1.0, equilibration=rest)
     brief = OscillatoryShear(pre_periods=0, periods=0.02, post_periods=0)
     wanted = {}
     for p in points:
-        law = p.model.contact_law
-        turning = needs_tangential(p.model)
-        wanted[law.model_dump_json(), turning, p.record.energy] = law
-    for (_, turning, energy), law in wanted.items():
+        law, turning = p.model.contact_law, needs_tangential(p.model)
+        key = law.model_dump_json(), turning, p.record.energy, p.model.sliding
+        wanted[key] = law
+    for (_, turning, energy, sliding), law in wanted.items():
         links = Links(cut="bulk" if turning else "none")
-        model = Microgel(contact_law=law, links=links, friction=0.0)
+        model = Microgel(contact_law=law, links=links, friction=0.0, sliding=sliding)
         record = Record(energy=energy)
         point = MicrogelPoint(model=model, packing=small, shear=brief, record=record)
-        with suppress(SimulationError):  # a user's law that does not work: its own jobs say so
+        # A user's law that does not work, or raises as it likes: its own jobs say so.
+        with suppress(Exception if law.kind == "custom" else SimulationError):
             prepare(point, Streams(0, 0)).advance(2)

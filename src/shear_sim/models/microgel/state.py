@@ -1,9 +1,14 @@
 """State of a microgel simulation: the tuples of arrays and constants that the kernels share."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.models.microgel.laws import LawParameters
+
+Unsigned = NDArray[np.uint32]  # an index that cannot be negative costs no test of its sign
 
 # Columns of a record, in the order of ``record``.
 ROW = (
@@ -25,8 +30,6 @@ REST, OSCILLATION, STEADY = 0, 1, 2  # segments of a protocol
 RUNNING, NOT_FINITE, TOO_STIFF = 0, 1, 2  # status of a run
 MOST_PIECES = 4096  # of a step
 
-COULOMB, RESET = 0, 1
-
 
 class Discs(NamedTuple):
     """State of N discs; every array has shape (N,)."""
@@ -39,7 +42,7 @@ class Discs(NamedTuple):
     radius: Floats  # [m]
     mass: Floats  # per metre of depth [kg/m]
     inertia: Floats  # [kg m]
-    plate: Ints  # 0 free, +1 glued to the top plate, −1 to the bottom plate
+    plate: Floats  # 0 free, +1 glued to the top plate, −1 to the bottom plate
 
 
 class Work(NamedTuple):
@@ -55,13 +58,19 @@ class Work(NamedTuple):
     ay: Floats
     aspin: Floats
     turn: Floats  # rotation of each disc in the step that ends now
-    x0: Floats  # position when the neighbour list was made
+    rim: Floats  # r × predicted spin [m/s]
+    rolled: Floats  # r × turn [m]
+    x0: Floats  # position when the contact list was made
     y0: Floats
     wx: Ints  # image of the cell that a disc is in (records)
     wy: Ints
-    strain0: Floats  # (1,) strain when the neighbour list was made
+    strain0: Floats  # (1,) strain when the contact list was made
+    largest: Floats  # (1,) largest radius [m]
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
-    closest: Floats  # (4,) d², D² of the closest pair, largest (d/D)² of a link, −d'/d of contacts
+    near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
+    crossing: Ints  # (2,) numbers of links and contacts across an edge; −1: to be counted anew
+    block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
+    closest: Floats  # (3,) smallest d/D, largest d/D of a link, largest −d'/d of contacts
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
     stored: Floats  # (1,) elastic energy [J/m]
@@ -71,18 +80,74 @@ class Work(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Links (the first ``n_links``) and neighbour pairs; arrays of shape (P,)."""
+    """Links, or discs that may touch: P pairs.
+
+    What is known of a pair lies in ``table``, LANES pairs a row and one column after the other, so
+    that the compiler sees fixed distances and can take several pairs at once. Outside the kernels
+    use `column` and `set_column`.
+    """
+
+    i: Unsigned  # (P,)
+    j: Unsigned
+    table: Floats  # (⌈P/LANES⌉, PAIR_ROWS · LANES)
+    edge: Ints  # (P,) pairs across an edge of the cell, see Work.crossing
+
+
+class PairState(NamedTuple):
+    """What is known of P pairs, one array (P,) each: copies, see `listed`."""
 
     i: Ints
     j: Ints
     nx: Ints  # image of j
     ny: Ints
-    spring: Floats  # tangential elongation ξ [m]
-    spring_back: Floats  # the second elongation of the historical rule [m]
     ex: Floats  # unit vector from i to j at the last force evaluation
     ey: Floats
-    d: Floats  # and distance [m]
-    state: Ints
+    distance: Floats  # [m]
+    spring: Floats  # tangential elongation ξ [m]
+    state: Ints  # OPEN, STICK or SLIDE
+
+
+LANES = 64  # pairs in a block
+#: Columns of Pairs.table: image of j, D = r_i + r_j [m] and its inverse; unit vector from i to j
+#: and distance [m] at the last force evaluation; tangential elongation ξ [m], and the second one
+#: of the historical rule; OPEN, STICK or SLIDE.
+NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE = range(0, 10 * LANES, LANES)
+PAIR_ROWS = 10
+BLOCK_ROWS = 17
+NEAR = 4  # distances by which listed contacts are told apart
+
+
+def listed(pairs: Pairs) -> PairState:
+    """Return the state of ``pairs`` as plain arrays."""
+    i, j = pairs.i.astype(np.int32), pairs.j.astype(np.int32)
+    nx, ny, state = (column(pairs, which).astype(np.int32) for which in (NX, NY, STATE))
+    ex, ey, distance, spring = (column(pairs, which) for which in (EX, EY, DISTANCE, SPRING))
+    return PairState(i, j, nx, ny, ex, ey, distance, spring, state)
+
+
+def column(pairs: Pairs, which: int) -> Floats:
+    """Return a copy of one column of ``pairs.table``, (P,), by its name above."""
+    return pairs.table[:, which : which + LANES].ravel()[: len(pairs.i)].copy()
+
+
+def set_column(pairs: Pairs, which: int, values: Any) -> None:
+    """Set one column of ``pairs.table`` to ``values``, (P,) or a number."""
+    full = pairs.table[:, which : which + LANES].ravel()
+    full[: len(pairs.i)] = values
+    pairs.table[:, which : which + LANES] = full.reshape(-1, LANES)
+
+
+class Springs(NamedTuple):
+    """Springs and dashpots of a kind of pairs: links or contacts (SI, per metre of depth)."""
+
+    k: float  # normal spring [N/m²]
+    kt: float  # tangential
+    eta: float  # normal dashpot [N s/m²]
+    etat: float  # tangential
+    far_etat: float  # tangential dashpot beyond contact
+    reach: float  # distance to which the pair holds together: 0 or ∞ [m]
+    grip: float  # what Coulomb's bound is raised by: 0 or ∞ [N/m]
+    pull: float  # largest attraction: ∞, or 0 if dashpots of contacts may not pull [N/m]
 
 
 class Constants(NamedTuple):
@@ -91,6 +156,7 @@ class Constants(NamedTuple):
     width: float
     height: float
     periodic: bool
+    plates: bool
     k: float  # contacts: normal spring [N/m²]
     kt: float
     eta: float  # and dashpot [N s/m²]
@@ -103,7 +169,6 @@ class Constants(NamedTuple):
     law: LawParameters
     may_pull: bool  # the normal dashpot of a contact may attract
     stretched_dashpot: bool  # tangential dashpot of a link with d ≥ D
-    sliding: int
     contact_arms_in_velocity: bool
     contact_arms_in_torque: bool
     damping: float  # λ [1/s]

@@ -16,13 +16,14 @@ def drive(discs, shear=0.0, compression=0.0, pressure=0.0, velocity=None):
     return Drive(float(shear), float(compression), float(pressure), drift)
 
 
-def flow(position, radius, side=20.0, mobility=None, offset=0.0, **driven):
+def flow(position, radius, side=20.0, mobility=None, offset=0.0, bonds=(), **driven):
     """A flow of discs placed by hand in a square cell."""
     x, y = np.array(position, float).T.copy()
     n = len(x)
     radius = np.broadcast_to(np.asarray(radius, float), n).copy()
     mobility = np.ones(n) if mobility is None else np.asarray(mobility, float)
-    return Flow(x, y, radius, mobility, side, side, drive(n, **driven), offset=offset)
+    bonds = np.asarray(bonds, np.int32).reshape(-1, 2)
+    return Flow(x, y, radius, mobility, side, side, drive(n, **driven), offset=offset, bonds=bonds)
 
 
 def packing(discs, packing_fraction, seed=0):

@@ -79,7 +79,9 @@ class Flow:
     width, height, offset : float
         Cell edges, and displacement of the upper image in x.
     drive : Drive
-        Change it with `turn`.
+        Change it with `turn` or `steer`.
+    bonds : (B, 2) int
+        Pairs of discs in permanent contact: the beads of composite particles, rigid or floppy.
     path : float
         Length of path so far.
     squeezed : float
@@ -88,7 +90,7 @@ class Flow:
     Raises
     ------
     ValueError
-        If discs overlap at the start.
+        If discs overlap at the start, or a bond's two do not touch.
     Jammed
         If no forces stop them there.
     """
@@ -101,6 +103,7 @@ class Flow:
     height: float
     drive: Drive
     offset: float = 0.0
+    bonds: Ints = field(default_factory=lambda: np.zeros((0, 2), np.int32))
     accuracy: float = ACCURACY
     longest_step: float = LONGEST_STEP
     path: float = 0.0
@@ -123,6 +126,9 @@ class Flow:
         self.set = ActiveSet(0)
         self._stalled = 0
         self._find_candidates()
+        if loose := len(self.bonds) - int(self.permanent.sum()):
+            msg = f"{loose} bonds join discs that do not touch"
+            raise ValueError(msg)
         overlap = -float(self.gap.min(initial=0.0))
         if overlap > 1e-12 * self.unit:
             c = int(self.gap.argmin())
@@ -200,7 +206,7 @@ class Flow:
         while True:
             order, step, kind, which, reach, error, phi, u, kappa, area = look_ahead(
                 self.drive.shear, self.drive.pressure, now.kappa, cap, self.accuracy, now.factor,
-                now.pairs, self.permanent, self.mobility, self.drive.drift, self.pairs,
+                now.pairs, self.permanent[now.pairs], self.mobility, self.drive.drift, self.pairs,
                 now.open_pairs, self.rx, self.ry, self.gap, self.area, self.touch,
             )  # fmt: skip
             squeeze = sum(abs(c) * step ** (k + 1) / (k + 1) for k, c in enumerate(kappa.tolist()))
@@ -312,7 +318,6 @@ class Flow:
             order = np.argsort(keys)
             place = order[np.searchsorted(keys[order], _key(a, b, across, up, len(self.x)))]
         self.pairs = Pairs(i, j, nx, ny, self.radius[i] + self.radius[j])
-        self.permanent = np.zeros(len(i), np.int32)
         self.rx, self.ry, self.gap = np.empty((3, len(i)))
         self.moved = np.zeros((2, len(self.x)))
         self._spent = self._strained = 0.0
@@ -320,6 +325,10 @@ class Flow:
         self._range = 2.0 * float(self.radius.max()) + self.skin
         self.counts.rebuilds += 1
         self.separate()
+        ends = np.sort(self.bonds, axis=1)
+        bonds = _key(ends[:, 0], ends[:, 1], 0, 0, len(self.x))
+        bonded = np.isin(_key(i, j, 0, 0, len(self.x)), bonds)
+        self.permanent = (bonded & (self.gap < 1e-9 * self.unit)).astype(np.int32)
         self.set.renumber(place.astype(np.int32), len(i))
         if len(place):
             self.set.settle(self.instant(), self.touch)
@@ -333,6 +342,6 @@ def evaluate(series: Floats, t: float) -> Floats:
     return total
 
 
-def _key(i: Ints, j: Ints, nx: Ints, ny: Ints, n: int) -> NDArray[np.int64]:
+def _key(i: Ints, j: Ints, nx: Ints | int, ny: Ints | int, n: int) -> NDArray[np.int64]:
     """Return one number for each image of each pair."""
     return ((i.astype(np.int64) * n + j) * 64 + (nx + 32)) * 64 + (ny + 32)

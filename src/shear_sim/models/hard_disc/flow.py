@@ -43,12 +43,47 @@ class Dense(NamedTuple):
 
     x: Floats
     y: Floats
+    width: float
+    height: float
     offset: float
+    squeezed: float
+    shear: float
     pairs: Pairs  # in contact
     phi: Floats
     u: Floats
     kappa: Floats
     area: Floats
+
+
+class Contacts(NamedTuple):
+    """The contacts (n,) at one instant, and the cell."""
+
+    i: Ints
+    j: Ints
+    rx: Floats
+    ry: Floats
+    gap: Floats
+    phi: Floats  # forces f/|r|
+    kappa: float
+    area: float
+    squeezed: float
+
+
+def contacts_at(motion: Dense, t: float) -> Contacts:
+    """Return the contacts at ``t`` along a step (dense output)."""
+    x, y = motion.x.copy(), motion.y.copy()
+    nowhere = np.zeros((2, len(x)))
+    squeeze, _ = travel(x, y, nowhere, motion.u, motion.kappa, motion.shear, t)
+    area = float(evaluate(motion.area, t))
+    scale = math.sqrt(area / motion.area[0])
+    offset = (motion.offset + motion.shear * t * motion.height) * scale
+    rx, ry, gap = np.empty((3, len(motion.pairs.i)))
+    width, height = motion.width * scale, motion.height * scale
+    separations(x, y, width, height, offset, *motion.pairs, rx, ry, gap)
+    return Contacts(
+        motion.pairs.i, motion.pairs.j, rx, ry, gap, evaluate(motion.phi, t),
+        float(evaluate(motion.kappa, t)), area, motion.squeezed + squeeze,
+    )  # fmt: skip
 
 
 Look = Callable[[Dense, float, float], None]
@@ -157,6 +192,14 @@ class Flow:
             self.drive,
         )  # fmt: skip
 
+    def contacts(self) -> Contacts:
+        """Return the contacts now."""
+        c = self.set.pairs
+        return Contacts(
+            self.pairs.i[c], self.pairs.j[c], self.rx[c], self.ry[c], self.gap[c], self.set.phi,
+            self.set.kappa, self.area, self.squeezed,
+        )  # fmt: skip
+
     def turn(self, drive: Drive) -> None:
         """Change the drive at once: all forces are new.
 
@@ -221,7 +264,8 @@ class Flow:
         if look is not None:
             contacts = self.pairs.take(now.pairs)
             motion = Dense(
-                self.x.copy(), self.y.copy(), self.offset, contacts, phi, u, kappa, area
+                self.x.copy(), self.y.copy(), self.width, self.height, self.offset, self.squeezed,
+                self.drive.shear, contacts, phi, u, kappa, area,
             )  # fmt: skip
             look(motion, self.path, step)
         self._move(step, u, kappa, area)

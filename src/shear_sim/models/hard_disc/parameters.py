@@ -59,7 +59,7 @@ class HardDisc(Section):
 
 
 class HardDiscSteadyShear(Section):
-    """Steady shear at fixed area, at fixed pressure, or with imposed compression."""
+    """Steady shear: at fixed area or pressure, with imposed compression, or at fixed stress."""
 
     kind: Literal["steady"]
     strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")] = 1.0
@@ -73,6 +73,13 @@ class HardDiscSteadyShear(Section):
     compression_ratio: Annotated[
         float, Field(ge=-100, le=100, description="κ: imposed rate of compression of lengths / γ̇")
     ] = 0.0
+    shear_stress: Annotated[
+        float | None,
+        Field(gt=0, description="imposed σ [Pa]: the strain rate follows; records are by strain"),
+    ] = None
+    highest_rate: Annotated[
+        Positive, Field(description="of a flow at fixed stress, largest γ̇ / (σ ξ₀)")
+    ] = 100.0
     transient: Annotated[
         Fraction, Field(description="part of the strain before means are taken")
     ] = 0.3
@@ -82,6 +89,15 @@ class HardDiscSteadyShear(Section):
         if self.scaled_pressure is not None and self.compression_ratio != 0:
             message = "at a fixed pressure the compression follows: leave one of both out"
             raise Impossible([(("compression_ratio", "scaled_pressure"), message)])
+        if self.shear_stress is not None and self.strain_rate != 1:
+            message = "at a fixed shear_stress the strain_rate follows: leave one of both out"
+            raise Impossible([(("strain_rate", "shear_stress"), message)])
+        if self.shear_stress is not None and self.scaled_pressure is not None:
+            message = "one of scaled_pressure and shear_stress can be fixed, not both"
+            raise Impossible([(("scaled_pressure", "shear_stress"), message)])
+        if self.shear_stress is None and self.highest_rate != 100:
+            message = "has no effect without shear_stress"
+            raise Impossible([(("highest_rate", "shear_stress"), message)])
         return self
 
 

@@ -11,9 +11,8 @@ from shear_sim.models.hard_disc.active_set import Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify
 from shear_sim.models.hard_disc.columns import COLUMNS
 from shear_sim.models.hard_disc.driving import make_driving, make_records
-from shear_sim.models.hard_disc.flow import Arrested, Dense, Flow, evaluate
+from shear_sim.models.hard_disc.flow import Arrested, Contacts, Dense, Flow, contacts_at
 from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
-from shear_sim.models.hard_disc.pairs import separations
 from shear_sim.models.hard_disc.parameters import (
     HardDisc,
     HardDiscCompression,
@@ -23,7 +22,7 @@ from shear_sim.models.hard_disc.parameters import (
     HardDiscRecord,
     HardDiscSteadyShear,
 )
-from shear_sim.models.hard_disc.series import travel
+from shear_sim.models.hard_disc.stress import duration, slowness, stress
 from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.streams import Streams
 
@@ -79,8 +78,12 @@ class HardDiscSimulation:
         self.stopped: str | None = None
         self._made = 0
         self._table = np.empty((len(COLUMNS), len(self.path)))
-        self.power_residual = 0.0
-        self.least_force = 0.0
+        self.power_residual = self.least_force = self.largest_gap = 0.0
+        self._seconds = 0.0  # of a flow at fixed stress, whose clock follows the stress
+        self._imposed = self._fastest = 0.0
+        if isinstance(shear, HardDiscSteadyShear) and shear.shear_stress is not None:
+            self._imposed = shear.shear_stress * point.model.mobility
+            self._fastest = shear.highest_rate * self._imposed
 
     @property
     def rows(self) -> int:
@@ -111,40 +114,29 @@ class HardDiscSimulation:
 
     def _first(self) -> None:
         """Record the present instant."""
-        flow, now = self.flow, self.flow.set
-        self._record(
-            self._made, flow.rx[now.pairs], flow.ry[now.pairs], flow.pairs.i[now.pairs],
-            flow.pairs.j[now.pairs], now.phi, now.kappa, flow.area, flow.squeezed,
-        )  # fmt: skip
-        self._made += 1
+        self._record(self.flow.contacts())
 
     def _look(self, motion: Dense, path: float, step: float) -> None:
         """Make the records that fall within a step, by dense output."""
+        done = 0.0  # of the step, by the clock
         while self._made < len(self.path) and self.path[self._made] <= path + step:
             t = float(self.path[self._made]) - path
-            x, y = motion.x.copy(), motion.y.copy()
-            shear = self.flow.drive.shear
-            squeeze, _ = travel(x, y, np.zeros((2, len(x))), motion.u, motion.kappa, shear, t)
-            area = float(evaluate(motion.area, t))
-            scale = math.sqrt(area / motion.area[0])
-            width, height = self.flow.width * scale, self.flow.height * scale
-            offset = (motion.offset + shear * t * self.flow.height) * scale
-            rx, ry, gap = np.empty((3, len(motion.pairs.i)))
-            separations(x, y, width, height, offset, *motion.pairs, rx, ry, gap)
-            phi = np.asarray(evaluate(motion.phi, t))
-            self._record(
-                self._made, rx, ry, motion.pairs.i, motion.pairs.j, phi,
-                float(evaluate(motion.kappa, t)), area, self.flow.squeezed + squeeze,
-            )  # fmt: skip
-            self._made += 1
+            self._let_pass(motion, done, t)
+            self._record(contacts_at(motion, t))
+            done = t
+        self._let_pass(motion, done, step)
 
-    def _record(
-        self, row: int, rx: FloatArray, ry: FloatArray, i: Any, j: Any, phi: FloatArray,
-        kappa: float, area: float, squeezed: float,
-    ) -> None:  # fmt: skip
-        flow = self.flow
+    def _let_pass(self, motion: Dense, begin: float, end: float) -> None:
+        """Let the clock of a flow at fixed stress go on."""
+        if self._imposed and end > begin:
+            self._seconds += duration(motion, begin, end, self._imposed, self._fastest)
+
+    def _record(self, contacts: Contacts) -> None:
+        """Append a record."""
+        flow, row = self.flow, self._made
         drive = flow.drive
-        xx, xy, yy = ((phi * a * b).sum() / area for a, b in ((rx, rx), (rx, ry), (ry, ry)))
+        i, j, rx, ry, gap, phi, kappa, area, squeezed = contacts
+        xx, xy, yy = stress(contacts)
         u = velocities(i, j, rx, ry, phi, flow.mobility, drive.drift)
         moving = flow.mobility > 0.0
         force = drive.drift[:, moving] / flow.mobility[moving]
@@ -156,17 +148,22 @@ class HardDiscSimulation:
             residual = abs(power - sum(put_in)) / sum(map(abs, put_in))
             self.power_residual = max(self.power_residual, residual)
             self.least_force = min(self.least_force, float(phi.min() / phi.mean()))
-        records = self.records
-        pascal = float(records.path_rate[row]) / self.point.model.mobility
+            self.largest_gap = max(self.largest_gap, float(np.abs(gap).max()) / flow.unit)
+        _, time, strain, strain_rate, path_rate = (float(a[row]) for a in self.records)
+        if self._imposed:
+            time = self._seconds
+            strain_rate = 1.0 / slowness(-xy, self._imposed, self._fastest)
+            path_rate = strain_rate
+        pascal = path_rate / self.point.model.mobility
         counts = flow.counts
         discs = len(flow.x)
         self._table[:, row] = (
-            records.time[row], records.strain[row], records.strain_rate[row],
-            xx * pascal, xy * pascal, yy * pascal,
+            time, strain, strain_rate, xx * pascal, xy * pascal, yy * pascal,
             -xy * (drive.shear or 1.0), 0.5 * (xx + yy), 2 * len(phi) / discs,
             math.pi * float((flow.radius**2).sum()) / area, kappa, squeezed,
             math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
         )  # fmt: skip
+        self._made += 1
 
     def columns(self) -> Columns:
         """Return the records made so far."""
@@ -182,7 +179,12 @@ class HardDiscSimulation:
             "shear_end": float(self.records.time[-1]),
             "end": float(self.records.time[-1]),
         }
-        if isinstance(shear, HardDiscSteadyShear):
+        if self._imposed and self._seconds > 0.0:
+            time, strain = self._table[:2, : self.done]
+            middle = float(np.interp(0.5 * time[-1], time, strain))
+            protocol["strain_rate"] = (strain[-1] - middle) / (0.5 * time[-1])
+            protocol["shear_end"] = protocol["end"] = float(time[-1])
+        elif isinstance(shear, HardDiscSteadyShear):
             protocol["strain_rate"] = shear.strain_rate
         elif isinstance(shear, HardDiscOscillatoryShear):
             protocol |= {
@@ -209,6 +211,7 @@ class HardDiscSimulation:
             "checks": {
                 "largest_overlap": counts.largest_overlap,
                 "largest_drift": counts.largest_drift,
+                "largest_gap_in_records": self.largest_gap,
                 "integration_error": counts.error,
                 "power_residual": self.power_residual,
                 "least_force": self.least_force,

@@ -119,6 +119,12 @@ def test_too_dense_a_start_says_so():
         ("packing: {discs: 4}", "two discs could touch twice: packing.discs at least"),
         ("model: {mobility: 0}", "must be greater than 0"),
         ("shear: {kind: steady, scaled_pressure: -1}", "must be greater than 0"),
+        ("integrator: {scheme: time_steps}", "needs strain_step"),
+        ("shear: {kind: steady, scaled_pressure: 3, shear_stress: 2}", "not both"),
+        (
+            "shear: {kind: compression}\nintegrator: {scheme: time_steps, strain_step: 0.001}",
+            "steady shear at fixed area",
+        ),
         ("shear: {kind: oscillatory, periods: 9}\nrecord: {rows: 100}", "at least 180"),
     ],
 )

@@ -337,8 +337,8 @@ class Flow:
             self.rx, self.ry, self.gap,
         )  # fmt: skip
 
-    def _find_candidates(self) -> None:
-        """Bring discs back into the cell, and find who is near whom."""
+    def _find_candidates(self, *, settle: bool = True) -> None:
+        """Bring discs back into the cell, and find who is near whom; make forces anew."""
         turns = round(self.offset / self.width)
         self.offset -= turns * self.width
         wx, wy = np.zeros((2, len(self.x)), np.int32)
@@ -374,7 +374,7 @@ class Flow:
         bonded = np.isin(_key(i, j, 0, 0, len(self.x)), bonds)
         self.permanent = (bonded & (self.gap < 1e-9 * self.unit)).astype(np.int32)
         self.set.renumber(place.astype(np.int32), len(i))
-        if len(place):
+        if len(place) and settle:
             self.set.settle(self.instant(), self.touch)
 
 

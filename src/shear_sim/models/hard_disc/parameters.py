@@ -160,6 +160,28 @@ HardDiscShear = (
 )
 
 
+class HardDiscIntegrator(Section):
+    """How the discs are moved."""
+
+    scheme: Annotated[
+        Literal["events", "time_steps"],
+        Field(
+            description="events: exact. time_steps: one problem per step, first order, no overlap"
+        ),
+    ] = "events"
+    strain_step: Annotated[
+        float | None,
+        Field(gt=0, le=0.01, description="of time_steps, at most; whole steps between records"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _step_or_not(self) -> Self:
+        if (self.scheme == "time_steps") != (self.strain_step is not None):
+            message = "scheme: time_steps needs strain_step (0.001?), and only it has one"
+            raise Impossible([(("strain_step", "scheme"), message)])
+        return self
+
+
 class HardDiscRecord(Section):
     """How often a record is made. Records never change the motion."""
 
@@ -181,6 +203,7 @@ class HardDiscPoint(Point):
     shear: Annotated[HardDiscShear, Field(discriminator="kind")] = HardDiscSteadyShear(
         kind="steady"
     )
+    integrator: HardDiscIntegrator = HardDiscIntegrator()
     record: HardDiscRecord = HardDiscRecord()
 
     @property
@@ -201,6 +224,21 @@ class HardDiscPoint(Point):
             default = 400 * shear.periods
         rows = self.record.rows or default
         return self.model_copy(update={"record": HardDiscRecord(rows=rows)})
+
+    @model_validator(mode="after")
+    def _step_in_steady_shear_only(self) -> Self:
+        shear = self.shear
+        plain = (
+            isinstance(shear, HardDiscSteadyShear)
+            and shear.scaled_pressure is None
+            and shear.shear_stress is None
+            and shear.compression_ratio == 0
+        )
+        if self.integrator.scheme == "time_steps" and not plain:
+            message = "time_steps are for steady shear at fixed area and rate"
+            keys = ("shear.kind", "shear.scaled_pressure", "shear.shear_stress")
+            raise Impossible([(("integrator.scheme", *keys), message)])
+        return self
 
     @model_validator(mode="after")
     def _resolve_every_period(self) -> Self:

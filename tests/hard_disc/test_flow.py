@@ -117,7 +117,7 @@ def test_factor_of_a_contact_matrix():
 def test_first_crossing(coefficients, end, expected):
     """No root is stepped over, not even two close together."""
     p = np.array(coefficients)
-    found = first_crossing(p, len(p) - 1, end, 1e-13)
+    found = first_crossing(p, len(p) - 1, end, 1e-13, 1e-14)
     assert found == pytest.approx(expected, abs=2e-7 if expected != 0.5 else 1e-10)
 
 

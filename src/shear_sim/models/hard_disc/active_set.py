@@ -21,6 +21,8 @@ from shear_sim.models.hard_disc.factor import Factor, bordered, element, factori
 
 NEARLY_DEPENDENT = 1e-7
 DEPENDENT = 1e-10  # stiffness, relative to a lone contact's, under which a contact is dependent
+HIGHEST_RESPONSE = 1e9  # force per load: what a singular matrix gives where round-off hides it
+NO_CHANGE = 1e-7  # of the largest change of a force: less may be round-off
 FORCE_TOLERANCE = 1e-12  # of the mean force: contacts with less may open
 SPEED_TOLERANCE = 1e-11  # of the fastest disc: pairs that approach slower may be contacts or not
 
@@ -49,6 +51,10 @@ class Jammed(Exception):  # noqa: N818 - a verdict on a state, caught by who ask
         super().__init__("jammed")
         self.pairs = pairs
         self.force = force
+
+
+class Arrested(Exception):  # noqa: N818 - a verdict on a state, caught by who asks for it
+    """The discs cannot go on, but nothing is proved jammed."""
 
 
 @jit
@@ -248,7 +254,7 @@ class ActiveSet:
         """
         before = self.factorisations
         if not solved:
-            self._balance(now)
+            self._must_balance(now)
         joined: list[int] = []
         refused = self.open_pairs.copy()
         while True:
@@ -260,7 +266,7 @@ class ActiveSet:
             if pair < 0 and self.factorisations > before:
                 return joined
             if pair < 0:
-                self._balance(now)
+                self._must_balance(now)
                 continue
             were_open = self.open_pairs.copy()
             if self._add(pair, speed, tolerance, now):
@@ -333,12 +339,16 @@ class ActiveSet:
         if not len(forces):
             return forces
         moment = contacts[2] ** 2 + contacts[3] ** 2
+        scale = 2.0 * drive.pressure * now.area / float(moment.sum())
         for _ in range(2):  # the second time for what round-off left, where N is nearly singular
             u = velocities(*contacts, forces, now.mobility, drive.drift)
             change = -approach(*contacts, u, drive.shear, self.kappa)
             load = 2.0 * drive.pressure * now.area - float(forces @ moment)
+            scale = max(scale, float(np.abs(change / moment).max()))
             self.kappa += solve(self.factor, change, load)
             forces += change
+            if float(np.abs(forces).max()) > HIGHEST_RESPONSE * scale:
+                return None
         return forces
 
     def _balance(self, now: Instant) -> bool:
@@ -361,6 +371,11 @@ class ActiveSet:
             self.phi = self.phi + share[first] * (target - self.phi)
             self.drop(int(wrong[first]))
 
+    def _must_balance(self, now: Instant) -> None:
+        if not self._balance(now):
+            msg = f"the forces of the contacts are over {HIGHEST_RESPONSE:.0e} times the load"
+            raise Arrested(msg)
+
     def _add(self, pair: int, speed: float, tolerance: float, now: Instant) -> bool:
         """Bring a pair that approaches with w = ``speed`` into the set; tell whether it stayed."""
         pairs, phi = self.pairs, self.phi
@@ -375,11 +390,12 @@ class ActiveSet:
             self._solution(now)
             those = np.append(self.pairs, pair).astype(np.int32)
             change, stiffness = response(self.factor, *now.contacts(those), now.mobility)
-            least = 1e-9 * max(1.0, float(np.abs(change).max(initial=0.0)))
+            least = NO_CHANGE * max(1.0, float(np.abs(change).max(initial=0.0)))
             falling = np.flatnonzero((change < -least) & (now.permanent[self.pairs] == 0))
             i, j, rx, ry = now.contacts(those[-1:])
             lone = (now.mobility[i] + now.mobility[j]) * (rx**2 + ry**2)
-            if stiffness > DEPENDENT * lone[0]:
+            soft = -speed / stiffness > HIGHEST_RESPONSE * max(1.0, now.drive.pressure)
+            if stiffness > DEPENDENT * lone[0] and not soft:
                 enough = -speed / stiffness
             elif speed >= -tolerance and raised == 0.0:
                 return False

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints, wrap_count
-from shear_sim.models.hard_disc.active_set import ActiveSet, Drive, Instant, velocities
+from shear_sim.models.hard_disc.active_set import ActiveSet, Arrested, Drive, Instant, velocities
 from shear_sim.models.hard_disc.factor import solve
 from shear_sim.models.hard_disc.pairs import Pairs, elimination_order, separations
 from shear_sim.models.hard_disc.series import (
@@ -29,13 +29,10 @@ from shear_sim.neighbours import find_pairs
 SKIN = 0.3  # of the mean radius: candidates reach this much beyond contact
 TOUCH = 1e-13  # of the mean diameter: pairs with smaller gaps touch, and collide at minus this
 CLOSED = 2e-14  # largest gap of a contact [mean diameter] that needs no correction
+MOST_DRIFT = 1e-9  # of the gaps of contacts within a step [mean diameter]
 LONGEST_STEP = 0.05  # of path, whatever the accuracy
 STALLED = 1e-14  # steps shorter than this make no progress ...
 MOST_STALLED = 2000  # ... and so many of them in a row are arrest
-
-
-class Arrested(Exception):  # noqa: N818 - a verdict on a state, caught by who asks for it
-    """The events leave no room for motion, but nothing is proved jammed."""
 
 
 class Dense(NamedTuple):
@@ -303,32 +300,44 @@ class Flow:
         counts.error += error
         drift = float(np.abs(self.gap[self.set.pairs]).max(initial=0.0)) / self.unit
         counts.largest_drift = max(counts.largest_drift, drift)
-        overlap = -float(self.gap.min(initial=np.inf)) / self.unit
-        counts.largest_overlap = max(counts.largest_overlap, overlap)
+        if not drift < MOST_DRIFT:
+            msg = f"contacts opened by {drift:.3g} mean diameters at path {self.path:.12g}: "
+            raise Arrested(msg + "the forces are too large to be exact")
         self._stalled = self._stalled + 1 if step < STALLED else 0
         if self._stalled > MOST_STALLED:
             msg = f"{MOST_STALLED} events in a row without motion at path {self.path:.12g}"
             raise Arrested(msg)
 
     def _close_gaps(self) -> None:
-        """Move discs so that every contact has gap 0 again (Newton on the gaps; paper, eq. 28)."""
+        """Move discs so that every contact has gap 0 again (Newton on the gaps; paper, eq. 28).
+
+        Close to jamming a tiny gap closes by a long way, over which other discs may overlap: such a
+        correction is taken back.
+        """
         now = self.set
         for _ in range(3):
             gap = self.gap[now.pairs]
-            if float(np.abs(gap).max(initial=0.0)) <= CLOSED * self.unit:
-                return
-            i, j = self.pairs.i[now.pairs], self.pairs.j[now.pairs]
-            rx, ry = self.rx[now.pairs], self.ry[now.pairs]
+            drift = float(np.abs(gap).max(initial=0.0))
+            if drift <= CLOSED * self.unit:
+                break
+            before = self.x, self.y, float(self.gap.min())
+            i, j, rx, ry = self.instant().contacts(now.pairs)
             push = -gap * np.hypot(rx, ry)
             squeeze = solve(now.factor, push, 0.0)
             nothing = np.zeros_like(self.drive.drift)
             move = velocities(i, j, rx, ry, push, self.mobility, nothing)
-            self.x += move[0] - squeeze * self.x
-            self.y += move[1] - squeeze * self.y
-            if squeeze:
-                self.squeezed += squeeze
-                self._scale(1.0 - squeeze)
+            self.x = self.x + move[0] - squeeze * self.x
+            self.y = self.y + move[1] - squeeze * self.y
+            self._scale(1.0 - squeeze)
             self.separate()
+            if float(self.gap.min()) < min(before[2], -self.touch) and drift < 5 * self.touch:
+                self.x, self.y, _ = before
+                self._scale(1.0 / (1.0 - squeeze))
+                self.separate()
+                break
+            self.squeezed += squeeze
+        overlap = -float(self.gap.min(initial=np.inf)) / self.unit
+        self.counts.largest_overlap = max(self.counts.largest_overlap, overlap)
 
     def separate(self) -> None:
         """Bring separations and gaps of the candidates up to date."""

@@ -52,7 +52,7 @@ class HardDiscPacking(Section):
 class HardDisc(Section):
     """Frictionless rigid discs with drag against the affine flow (Lerner, Düring & Wyart)."""
 
-    kind: Literal["hard_disc"]
+    kind: Literal["hard_disc"] = "hard_disc"
     mobility: Annotated[
         float, Field(gt=0, description="ξ₀, velocity per force on a disc [1/(Pa s)]")
     ] = 1.0
@@ -199,7 +199,7 @@ class HardDiscPoint(Point):
     """One simulation of hard discs."""
 
     packing: HardDiscPacking = HardDiscPacking()
-    model: HardDisc
+    model: HardDisc = HardDisc()
     shear: Annotated[HardDiscShear, Field(discriminator="kind")] = HardDiscSteadyShear(
         kind="steady"
     )

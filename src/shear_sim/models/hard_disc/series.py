@@ -129,8 +129,10 @@ def expand(
 
 
 @jit
-def first_crossing(p: Floats, last: int, end: float, level: float) -> float:
+def first_crossing(p: Floats, last: int, end: float, level: float, close: float) -> float:
     """Return where polynomial ``p`` first falls to −level in [0, end], else infinity.
+
+    It is found where p is less than ``close`` above −level.
 
     Newton steps to the root of a parabola that lies below the polynomial all the way to the end: no
     root is ever stepped over, and simple ones are approached quadratically.
@@ -148,7 +150,7 @@ def first_crossing(p: Floats, last: int, end: float, level: float) -> float:
             slope = slope * t + value
             value = value * t + p[k]
         value += level
-        if value <= 0.1 * level:
+        if value <= close:
             return t
         root = np.sqrt(slope * slope + 2.0 * bend * value)
         if slope <= 0.0:
@@ -180,7 +182,7 @@ def next_opening(
         if least > -level:
             continue
         p[0] = phi[0, c]
-        t = first_crossing(p, last, end, level)
+        t = first_crossing(p, last, end, level, 0.1 * level)
         if t < first:
             first = t
             which = c
@@ -243,7 +245,8 @@ def next_collision(
                 square[k + m] += (x[k] * x[m] + y[k] * y[m]) / (2.0 * d)
         square[0] = gap[c] * (1.0 + 0.5 * gap[c] / d)
         # A pair that overlaps by round-off has been seen to part: it collides where it comes back.
-        t = first_crossing(square, 2 * last + 2, end, level + max(0.0, -gap[c]))
+        lower = level + max(0.0, -gap[c])
+        t = first_crossing(square, 2 * last + 2, end, lower, 0.1 * level)
         if t < first:
             first = t
             which = c

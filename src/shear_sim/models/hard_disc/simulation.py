@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.hard_disc.active_set import Jammed, velocities
+from shear_sim.models.hard_disc.active_set import Arrested, Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify
 from shear_sim.models.hard_disc.columns import COLUMNS
 from shear_sim.models.hard_disc.driving import make_driving, make_records
-from shear_sim.models.hard_disc.flow import Arrested, Contacts, Dense, Flow, contacts_at
+from shear_sim.models.hard_disc.flow import Contacts, Dense, Flow, contacts_at
 from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
 from shear_sim.models.hard_disc.parameters import (
     HardDisc,

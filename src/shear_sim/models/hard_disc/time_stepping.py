@@ -17,13 +17,14 @@ import numpy as np
 from shear_sim.cell import Floats, Ints
 from shear_sim.models.hard_disc.active_set import (
     DEPENDENT,
+    Arrested,
     Instant,
     approach,
     make_factor,
     velocities,
 )
 from shear_sim.models.hard_disc.factor import back_substitute
-from shear_sim.models.hard_disc.flow import Arrested, Flow
+from shear_sim.models.hard_disc.flow import Flow
 
 PATIENCE = 10  # rounds of block pivoting without progress before one pair at a time is changed
 

@@ -394,7 +394,7 @@ class ActiveSet:
             falling = np.flatnonzero((change < -least) & (now.permanent[self.pairs] == 0))
             i, j, rx, ry = now.contacts(those[-1:])
             lone = (now.mobility[i] + now.mobility[j]) * (rx**2 + ry**2)
-            soft = -speed / stiffness > HIGHEST_RESPONSE * max(1.0, now.drive.pressure)
+            soft = -speed > HIGHEST_RESPONSE * max(1.0, now.drive.pressure) * stiffness
             if stiffness > DEPENDENT * lone[0] and not soft:
                 enough = -speed / stiffness
             elif speed >= -tolerance and raised == 0.0:

@@ -25,18 +25,16 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import yaml
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import shear_sim
 from shear_sim.aggregate import save
-from shear_sim.figures import STYLE, UNORDERED, WIDTH
+from shear_sim.figures import style
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.statistics import LEVEL, RESAMPLES, interval
 from shear_sim.study import Study, read_study
@@ -201,7 +199,7 @@ def reduce(
                 reference = means[:, -1 if by == N else 0]
                 what = {"scene": scene, AMPLITUDE: amplitude, "quantity": quantity}
                 for i, sample in enumerate(samples):
-                    found = interval(sample, rng=rng)
+                    found = interval(sample, seed=SEED)
                     row = what | {
                         by: x[i],
                         "replicates": len(sample),
@@ -320,8 +318,7 @@ def resonance(storage: float) -> float:
 def draw(tables: Mapping[str, pd.DataFrame], path: Path) -> None:
     """Write the figure: deviation and scatter against N, moduli against frequency."""
     sizes, rates = tables["finite_size"], tables["finite_rate"]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
+    with style.figure(style.DOUBLE, 6.6) as figure:
         panels = figure.subplots(3, len(SCENES), sharex="row")
         for scene, (top, middle, bottom) in zip(SCENES, panels.T, strict=True):
             part = sizes[sizes["scene"] == scene]
@@ -377,12 +374,12 @@ def _mark(axes: Axes, x: float, text: str, height: float) -> None:
 def _curves(table: pd.DataFrame, name: str, axes: Axes, scale: float) -> None:
     """Draw G′ and G″ with bands of their intervals, a colour for each amplitude."""
     x = N if N in table else F
-    for amplitude, colour in zip(AMPLITUDES, UNORDERED, strict=False):
-        for quantity, style in (("storage_modulus", "-o"), ("loss_modulus", "--s")):
+    for amplitude, colour in zip(AMPLITUDES, style.UNORDERED, strict=False):
+        for quantity, line in (("storage_modulus", "-o"), ("loss_modulus", "--s")):
             rows = table[(table[AMPLITUDE] == amplitude) & (table["quantity"] == quantity)]
             low, high = (scale * rows[f"{name}_ci_{end}"] for end in ("low", "high"))
             axes.plot(
-                rows[x], scale * rows[name], style, color=colour,
+                rows[x], scale * rows[name], line, color=colour,
                 markerfacecolor=colour if quantity == "storage_modulus" else "white",
                 label=f"{SYMBOLS[quantity]}, A = {amplitude:g}",
             )  # fmt: skip

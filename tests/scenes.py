@@ -49,7 +49,8 @@ def constants(**changes):
         "friction": 0.0, "law": (0.0, 1.0, 1.0, 1.0), "may_pull": True, "stretched_dashpot": True,
         "plates": False, "contact_arms_in_velocity": True, "contact_arms_in_torque": True,
         "damping": 0.0, "spin_damping": 0.0, "spin_target": 0.0, "affine": True, "skin": 12.0,
-        "step_stiffness": 1e9, "step_rolling": 1e9, "step_dashpot": 1e9, "step_strain": 0.03,
+        "step_normal": 1e9, "step_normal_dashpot": 1e9, "step_rolling": 1e9,
+        "step_rolling_dashpot": 1e9, "step_approach": 0.2, "step_strain": 0.03,
     }  # fmt: skip
     assert changes.keys() <= values.keys(), changes.keys() - values.keys()
     return Constants(**(values | changes))
@@ -89,7 +90,7 @@ def scene(
     images = np.zeros_like(links) if images is None else np.asarray(images, np.int64)
     clock = Clock(float(step), 0, steps, STEADY, 100, float(strain_rate * step), 1)
     point = MicrogelPoint(
-        shear=SteadyShear(kind="steady", relative_rate=1.0, strain=1.0, post_periods=0),
+        shear=SteadyShear(kind="steady", relative_rate=1.0, strain=100.0, post_periods=0),
         integrator=Integrator(scheme="semi_implicit_euler" if euler else "velocity_verlet"),
     )
     return MicrogelSimulation(

@@ -101,9 +101,23 @@ def test_one_run_of_the_ladder_is_the_job_itself(smooth):
     prepared = accuracy.prepare(smooth.job)
     again, _, _ = accuracy.response(smooth.job, accuracy.finish(prepared.start()))
     assert moduli == again
-    assert (own["scheme"], own["steps_per_period"]) == ("velocity_verlet", 200)
-    assert own["substeps_per_step"] == 1
+    assert (own["scheme"], own["steps_per_period"]) == ("velocity_verlet", 100)
+    assert own["substeps_per_step"] == 2
     assert own["cpu_per_period"] * 1.4 == pytest.approx(own["cpu_per_step"] * 280 / 1e6)
+
+
+@pytest.mark.parametrize(("factor", "steps"), [(Fraction(1, 2), 50), (Fraction(2), 200)])
+def test_other_rungs_are_the_job_with_their_steps(factor, steps):
+    """Also its substeps: half as long with twice the steps, and never longer than by default."""
+    job = job_of(0.01, Links(cut="bulk"))
+    rung = accuracy.finish(accuracy.prepare(job).start(factor=factor))
+    integrator = job.point.integrator.model_copy(update={"steps_per_period": steps})
+    point = job.point.model_copy(update={"integrator": integrator})
+    simulation = accuracy.finish(models.model("microgel").start(point, Streams(1, 0)))
+    assert rung.substeps == simulation.substeps
+    stride = max(1, int(factor))  # the ladder records at the same times on every rung
+    for name, values in simulation.columns().items():
+        np.testing.assert_allclose(rung.columns()[name], values[::stride], rtol=1e-9, atol=1e-12)
 
 
 def test_a_prepared_packing_starts_again_from_the_same_state():
@@ -130,7 +144,7 @@ def test_runs_with_other_steps_have_the_same_protocol(factor):
 def test_a_protocol_without_whole_steps_is_refused():
     prepared = PreparedMicrogel(job_of(0.5).point, Streams(1, 0))
     assert not prepared.allows(Fraction(1, 3))
-    with pytest.raises(ValueError, match="1/3 times 200 steps per period are not whole steps"):
+    with pytest.raises(ValueError, match="1/3 times 100 steps per period are not whole steps"):
         prepared.start(factor=Fraction(1, 3))
 
 

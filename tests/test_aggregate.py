@@ -7,16 +7,21 @@ import re
 import kelvin_voigt
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 from scipy import stats
 
 from shear_sim import aggregate as module
-from shear_sim.aggregate import aggregate, load
+from shear_sim.aggregate import aggregate, load, make_tables
+from shear_sim.aggregate.curves import STEADY_QUANTITIES, means_table
+from shear_sim.aggregate.runs import Waves, runs_table
+from shear_sim.models.interface import Column
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
+from shear_sim.statistics import RESAMPLES
 from shear_sim.study import load_study
 from shear_sim.summary import print_summary
 
@@ -64,11 +69,11 @@ def tables(whole):
     return aggregate(whole.folder, figures=False)
 
 
-def point(moduli, **keys):
+def point(points, **keys):
     for key, value in keys.items():
-        moduli = moduli[moduli[key.replace("__", ".")] == value]
-    assert len(moduli) == 1
-    return moduli.iloc[0]
+        points = points[points[key.replace("__", ".")] == value]
+    assert len(points) == 1
+    return points.iloc[0]
 
 
 def test_one_row_per_run_with_its_moduli(tables, whole):
@@ -84,15 +89,17 @@ def test_one_row_per_run_with_its_moduli(tables, whole):
     assert row["tan_delta"] == fit["loss"] / fit["storage"]
     assert row["total_stress"] == fit["total"]
     assert row["cycle_change"] == summary["quality"]["cycle_change"]
+    assert row["drift_ratio"] == summary["quality"]["drift_ratio"]
+    assert row["largest_jump"] == summary["quality"]["largest_jump"]
     assert row["model.modulus"] == summary["parameters"]["model"]["modulus"]
 
 
 def test_one_row_per_point_with_what_a_spring_and_a_dashpot_have(tables):
-    moduli = tables["moduli"]
-    assert len(moduli) == 8
-    assert (moduli["replicates"] == 11).all()
-    assert (moduli["planned"] == 11).all()
-    row = point(moduli, scene="stiff", model__viscosity=8.0)
+    curves = tables["curves"]
+    assert len(curves) == 8
+    assert (curves["replicates"] == 11).all()
+    assert (curves["planned"] == 11).all()
+    row = point(curves, scene="stiff", model__viscosity=8.0)
     assert row["block"] == "thick"
     assert row["storage_modulus_mean"] == pytest.approx(400, rel=0.02)
     assert row["loss_modulus_mean"] == pytest.approx(8 * OMEGA, abs=4)
@@ -103,23 +110,24 @@ def test_one_row_per_point_with_what_a_spring_and_a_dashpot_have(tables):
 
 
 def test_mean_median_and_interval_are_of_the_runs(tables):
-    runs, moduli = tables["runs"], tables["moduli"]
-    row = point(moduli, scene="soft", shear__strain_amplitude=0.1)
+    runs, curves = tables["runs"], tables["curves"]
+    row = point(curves, scene="soft", shear__strain_amplitude=0.1)
     values = runs.loc[runs["point"] == row["point"], "storage_modulus"].to_numpy()
-    assert row["storage_modulus_mean"] == values.mean()
+    assert row["storage_modulus_mean"] == pytest.approx(values.mean(), rel=1e-14)
     assert row["storage_modulus_median"] == np.median(values)
+    assert row["storage_modulus_sd"] == pytest.approx(values.std(ddof=1), rel=1e-14)
     expected = stats.bootstrap(
-        (values,), np.mean, n_resamples=4999, rng=np.random.default_rng(row["ci_seed"])
+        (values,), np.mean, n_resamples=RESAMPLES, rng=np.random.default_rng(row["ci_seed"])
     ).confidence_interval
-    assert row["storage_modulus_ci_low"] == expected.low
-    assert row["storage_modulus_ci_high"] == expected.high
+    assert row["storage_modulus_ci_low"] == pytest.approx(expected.low, rel=1e-12)
+    assert row["storage_modulus_ci_high"] == pytest.approx(expected.high, rel=1e-12)
 
 
 def test_rows_come_in_the_order_of_the_study_file(tables):
     """Not alphabetical: soft would come before stiff."""
-    moduli = tables["moduli"]
-    assert list(dict.fromkeys(moduli["scene"])) == ["stiff", "soft"]
-    soft = moduli[moduli["scene"] == "soft"]
+    curves = tables["curves"]
+    assert list(dict.fromkeys(curves["scene"])) == ["stiff", "soft"]
+    soft = curves[curves["scene"] == "soft"]
     assert soft["shear.strain_amplitude"].tolist() == [0.1, 0.2, 0.4]
 
 
@@ -138,7 +146,7 @@ def test_tables_are_the_same_at_every_aggregation_and_no_series_is_read_again(
 
 
 def test_parquet_carries_units_and_reads_back(whole, tables):
-    schema = pq.read_schema(whole.tables / "moduli.parquet")
+    schema = pq.read_schema(whole.tables / "curves.parquet")
     assert schema.field("storage_modulus_mean").metadata[b"unit"] == b"Pa"
     assert schema.field("model.modulus").metadata == {b"unit": b"Pa", b"description": b"G [Pa]"}
     assert schema.field("shear.strain_amplitude").metadata[b"unit"] == b"1"
@@ -162,12 +170,12 @@ def test_parameters_that_are_numbers_have_the_unit_1():
 
 
 def test_csv_names_carry_units(whole, tables):
-    read = pd.read_csv(whole.tables / "moduli.csv")
+    read = pd.read_csv(whole.tables / "curves.csv")
     assert "storage_modulus_mean_Pa" in read
     assert "model.modulus_Pa" in read
     assert "tan_delta_mean" in read
     assert "shear.strain_amplitude" in read
-    values = tables["moduli"]["storage_modulus_mean"]
+    values = tables["curves"]["storage_modulus_mean"]
     assert read["storage_modulus_mean_Pa"].tolist() == values.tolist()
     assert "drift_Pa_per_s" in pd.read_csv(whole.tables / "runs.csv")
 
@@ -187,16 +195,16 @@ def test_a_partial_study_says_so_everywhere(tmp_path):
     results.job_file(lost.id).unlink(missing_ok=True)
     results.record_failure(Failure(lost.id, "physics", "the spring broke"))
     done = len(results.finished())
-    tables = aggregate(results.folder)
-    moduli = tables["moduli"]
-    assert len(moduli) == 8
-    assert moduli["replicates"].sum() == done == len(tables["runs"])
-    assert moduli["planned"].sum() == 88
-    assert moduli["failed"].sum() == 1
-    nothing = point(moduli, scene="soft", shear__strain_amplitude=0.4)
+    tables = aggregate(results.folder, figures=False)
+    curves = tables["curves"]
+    assert len(curves) == 8
+    assert curves["replicates"].sum() == done == len(tables["runs"])
+    assert curves["planned"].sum() == 88
+    assert curves["failed"].sum() == 1
+    nothing = point(curves, scene="soft", shear__strain_amplitude=0.4)
     assert (nothing["replicates"], nothing["storage_modulus_ci_method"]) == (0, "none")
     assert np.isnan(nothing["storage_modulus_mean"])
-    some = point(moduli, scene="soft", shear__strain_amplitude=0.1)
+    some = point(curves, scene="soft", shear__strain_amplitude=0.1)
     assert some["storage_modulus_ci_method"] == "t_log"
     assert some["storage_modulus_ci_flag"] == "fewer than 10 replicates"
     text = printed(tables)
@@ -208,7 +216,7 @@ def test_nothing_finished_yet(tmp_path):
     results = make(tmp_path, keep=lambda _: False)
     tables = aggregate(results.folder)
     assert len(tables["runs"]) == 0
-    assert tables["moduli"]["replicates"].tolist() == [0] * 8
+    assert tables["curves"]["replicates"].tolist() == [0] * 8
     assert "PARTIAL STUDY: 0 of 88 runs (0 failed, 88 not yet run)" in printed(tables)
     assert not list(results.figures.iterdir())
 
@@ -233,8 +241,8 @@ def test_old_points_keep_their_intervals_when_a_study_grows(tmp_path, tables, wh
     )
     old = whole.finished()
     grown = make(tmp_path, text, keep=lambda job: job.id in old)
-    new = aggregate(grown.folder, figures=False)["moduli"].set_index("point")
-    for _, row in tables["moduli"].iterrows():
+    new = aggregate(grown.folder, figures=False)["curves"].set_index("point")
+    for _, row in tables["curves"].iterrows():
         for name in ("storage_modulus_ci_low", "loss_modulus_ci_high", "ci_seed"):
             assert new.loc[row["point"], name] == row[name]
 
@@ -249,13 +257,14 @@ def test_flagged_runs_are_counted_in_and_counted(tmp_path):
     """Noise of 2 Pa at rest is more than a tenth of a stress amplitude of 4 Pa."""
     text = STUDY.replace("[0.1, 0.2, 0.4]", "[0.01, 0.4]").replace("11", "3")
     tables = aggregate(make(tmp_path, text).folder, figures=False)
-    loud = point(tables["moduli"], scene="stiff", shear__strain_amplitude=0.01)
-    quiet = point(tables["moduli"], scene="stiff", shear__strain_amplitude=0.4)
+    loud = point(tables["curves"], scene="stiff", shear__strain_amplitude=0.01)
+    quiet = point(tables["curves"], scene="stiff", shear__strain_amplitude=0.4)
     assert (loud["flagged"], loud["replicates"]) == (3, 3)
     assert quiet["flagged"] == 0
     runs = tables["runs"]
-    assert runs.loc[runs["point"] == loud["point"], "baseline_noisy"].all()
-    assert "runs are flagged" in printed(tables)
+    assert runs.loc[runs["point"] == loud["point"], "flags"].str.contains("baseline_noise").all()
+    assert (runs.loc[runs["point"] == quiet["point"], "flags"] == "").all()
+    assert re.search(r"runs are flagged \(.*baseline_noise \d", printed(tables))
 
 
 def test_runs_without_a_whole_period_have_no_moduli_and_are_flagged(tmp_path):
@@ -263,23 +272,23 @@ def test_runs_without_a_whole_period_have_no_moduli_and_are_flagged(tmp_path):
     tables = aggregate(make(tmp_path, text.replace("11", "2")).folder, figures=False)
     assert tables["runs"]["flagged"].all()
     assert tables["runs"]["no_moduli"].str.contains("at least one whole period").all()
-    assert (tables["moduli"]["replicates"] == 2).all()
+    assert (tables["curves"]["replicates"] == 2).all()
 
 
 def test_one_point(tmp_path):
     """Nothing varies: no axis, no panels, still tables."""
     text = "model: {kind: kelvin_voigt, noise: 0.1}\nreplicates: 3\n"
     results = make(tmp_path, text)
-    tables = aggregate(results.folder)
-    assert len(tables["moduli"]) == 1
+    tables = aggregate(results.folder, figures=False)
+    assert len(tables["curves"]) == 1
     assert "3 of 3 runs" in printed(tables)
-    assert [path.name for path in results.figures.iterdir()] == ["example.png"]
+    assert len(tables["features"]) == len(tables["contrasts"]) == 0
 
 
 def test_figures_are_drawn_from_the_tables(whole):
     aggregate(whole.folder)
-    names = {path.name for path in whole.figures.iterdir()}
-    assert names == {"moduli.png", "moduli_branches.png", "example.png"}
+    names = {path.stem for path in whole.figures.iterdir()}
+    assert names >= {"moduli", "moduli_branches", "example"}
 
 
 def test_the_screen_is_plain_where_it_is_no_terminal(tables):
@@ -302,26 +311,170 @@ def test_steady_shear_has_its_own_table():
         {
             "job": ["a", "b"],
             "point": ["1" * 16] * 2,
+            "curve": ["2" * 16] * 2,
             "replicate": [0, 1],
             "scene": pd.Categorical(["", ""]),
             "block": ["", ""],
         }
     )
-    index = pd.DataFrame(
+    index = pa.table(
         {
             "job": ["a", "b"],
             "steady.shear_stress": [10.0, 14.0],
             "steady.viscosity": [5.0, 7.0],
             "steady.stress_ratio": [0.2, 0.3],
-            "flags.no_steady": [None, None],
+            "flags.no_steady": pa.array([None, None], pa.string()),
         }
     )
-    runs = module.runs_table(planned, index, [])
+    runs = runs_table(planned, index.to_pandas(), [], Waves(index, "periodic"))
     assert runs["viscosity"].tolist() == [5.0, 7.0]
     assert not runs["flagged"].any()
-    points = module.points_table(planned, runs, [], module.POINT_TABLES["steady"][1])
+    points = means_table(planned, runs, [], STEADY_QUANTITIES, seed=1)
     assert points.loc[0, "viscosity_mean"] == 6.0
     assert points.attrs["units"]["viscosity_mean"] == "Pa s"
+
+
+def test_what_a_model_measures_is_averaged_over_the_runs_that_have_it():
+    """Three compressions, one of which was arrested: it has a density, but no rattlers."""
+    planned = pd.DataFrame(
+        {
+            "job": ["a", "b", "c"],
+            "point": ["1" * 16] * 3,
+            "curve": ["2" * 16] * 3,
+            "replicate": [0, 1, 2],
+            "scene": pd.Categorical([""] * 3),
+            "block": [""] * 3,
+        }
+    )
+    index = pa.table(
+        {
+            "job": ["a", "b", "c"],
+            "status": ["jammed", "arrested", "jammed"],
+            "measured.density": [0.82, 0.83, 0.84],
+            "measured.rattlers": [0.01, None, 0.04],
+            "flags.stopped_early": [False, True, False],
+        }
+    )
+    density, rattlers = Column("density", "1", "of discs"), Column("rattlers", "1", "of them")
+    measured = [
+        (Column("status", "", "how it ended"), "status"),
+        (density, "measured.density"),
+        (rattlers, "measured.rattlers"),
+    ]
+    waves = Waves(index, "periodic")
+    runs = runs_table(planned, index.to_pandas(), [], waves, measured=measured)
+    assert runs["status"].tolist() == ["jammed", "arrested", "jammed"]
+    assert runs["flags"].tolist() == ["", "stopped_early", ""]
+    assert runs["flagged"].tolist() == [False, True, False]
+    row = means_table(planned, runs, [], [density, rattlers], seed=1).loc[0]
+    assert (row["replicates"], row["n"], row["flagged"]) == (3, 3, 1)
+    assert row["density_mean"] == pytest.approx(0.83, rel=1e-14)
+    assert row["density_ci_flag"] == "fewer than 10 replicates"
+    alone = means_table(planned, runs[runs["job"] != "b"], [], [rattlers], seed=1).loc[0]
+    assert row["rattlers_mean"] == pytest.approx(0.025, rel=1e-14)
+    for bound in ("low", "high"):
+        assert row[f"rattlers_ci_{bound}"] == alone[f"rattlers_ci_{bound}"]
+    assert row["rattlers_ci_flag"] == "only 2 of 3 runs have a value; fewer than 10 replicates"
+
+
+def test_cycles_and_harmonics_have_a_row_each(tables, whole):
+    runs, cycles, harmonics = (tables[name] for name in ("runs", "cycles", "harmonics"))
+    assert len(cycles) == 3 * len(runs)
+    assert len(harmonics) == 9 * len(runs)
+    job = runs["job"].iloc[17]
+    summary = json.loads(pq.read_metadata(whole.job_file(job)).metadata[b"shear_sim"])
+    fit = summary["moduli"]["periodic"]
+    of_run = cycles[cycles["job"] == job]
+    assert of_run["cycle"].tolist() == [1, 2, 3]
+    assert of_run["fitted"].tolist() == [False, True, True]
+    assert of_run["storage_modulus"].tolist() == fit["storage_cycles"]
+    assert of_run["loss_modulus"].tolist() == fit["loss_cycles"]
+    of_run = harmonics[harmonics["job"] == job]
+    assert of_run["harmonic"].tolist() == list(range(1, 10))
+    assert of_run["storage_modulus"].tolist() == fit["storage_n"]
+    assert of_run["loss_modulus"].tolist() == fit["loss_n"]
+    third = np.hypot(fit["storage_n"][2], fit["loss_n"][2]) / np.hypot(fit["storage"], fit["loss"])
+    assert of_run["relative_intensity"].iloc[2] == pytest.approx(third, rel=1e-14)
+    row = runs[runs["job"] == job].iloc[0]
+    assert row["third_harmonic_ratio"] == pytest.approx(third, rel=1e-14)
+    assert row["dissipated_energy"] == pytest.approx(
+        np.pi * row["shear.strain_amplitude"] ** 2 * fit["loss"], rel=1e-14
+    )
+
+
+def test_curves_are_of_the_mean_response_and_not_of_noise(tables):
+    """A spring and a dashpot have no third harmonic; that of each noisy run has a size.
+
+    Its square: the mean product of the harmonics of two different runs, over all pairs.
+    """
+    runs, harmonics, cells = tables["runs"], tables["harmonics"], 0
+    for _, row in tables["curves"].iterrows():
+        of_point = harmonics[harmonics["point"] == row["point"]].set_index("harmonic")
+        third = of_point.loc[3, ["storage_modulus", "loss_modulus"]].to_numpy()
+        pairs = [a @ b for i, a in enumerate(third) for j, b in enumerate(third) if i != j]
+        first = np.hypot(*of_point.loc[1, ["storage_modulus", "loss_modulus"]].mean())
+        expected = np.sqrt(max(np.mean(pairs), 0)) / first
+        assert row["third_harmonic_ratio_mean"] == pytest.approx(expected, rel=1e-9)
+        assert row["complex_modulus_mean"] == pytest.approx(first, rel=1e-12)
+        own = runs.loc[runs["point"] == row["point"], "third_harmonic_ratio"]
+        assert row["third_harmonic_ratio_median"] == own.median()
+        assert row["third_harmonic_ratio_mean"] < 0.7 * own.mean()
+        cells += 1
+    assert cells == 8
+
+
+def test_a_spring_and_a_dashpot_never_yield(tables):
+    features = tables["features"]
+    assert set(features["scene"]) == {"stiff", "soft"}
+    assert len(features) == 2 * 8  # the curves of one amplitude have no landmarks
+    for _, row in features[features["landmark"] == "yield"].iterrows():
+        assert (row["censored"], row["strain_limit"], row["censored_resamples"]) == (
+            "above",
+            0.4,
+            1,
+        )
+        assert np.isnan(row["strain"])
+        assert (row["strain_ci_low"], row["strain_ci_high"]) == (0.4, np.inf)
+    plateau = features[features["landmark"] == "low_strain_plateau"].set_index("scene")
+    assert plateau.loc["stiff", "storage_modulus"] == pytest.approx(400, rel=0.05)
+    assert plateau.loc["stiff", "strain"] == 0.1
+    assert (plateau["replicates"] == 11).all()
+    assert "> 0.4" in printed(tables)
+
+
+def test_contrasts_find_what_was_put_in(tables):
+    """Stiff against soft is 8 to 1; G'' of 2, 5 and 8 Pa s is proportional to the viscosity."""
+    contrasts = tables["contrasts"]
+    scenes = contrasts[(contrasts["parameter"] == "scene") & (contrasts["landmark"] == "")]
+    storage = scenes[scenes["quantity"] == "storage_modulus"]
+    assert storage["shear.strain_amplitude"].tolist() == [0.1, 0.2, 0.4]
+    assert storage["estimate"].to_numpy() == pytest.approx(8, rel=0.1)
+    assert (storage["p_holm"] < 1e-6).all()
+    assert set(storage["against"]) == {"soft"}
+    loss = scenes[scenes["quantity"] == "loss_modulus"]
+    assert (loss["ci_low"] < 1.3).all()
+    assert (loss["ci_high"] > 0.7).all()
+    slopes = contrasts[contrasts["parameter"] == "model.viscosity"].set_index("quantity")
+    assert slopes["effect"].tolist() == ["exponent", "exponent"]  # its unit is no number
+    assert slopes.loc["loss_modulus", "ci_low"] < 1 < slopes.loc["loss_modulus", "ci_high"]
+    # The noise of a replicate is the same at both: in pairs, the spring does not differ at all.
+    assert slopes.loc["storage_modulus", ["estimate", "ci_low", "ci_high"]].tolist() == [0, 0, 0]
+    assert slopes.loc["storage_modulus", "p"] == 1
+    assert slopes.loc["storage_modulus", "values"] == "2; 5; 8"
+    assert np.isnan(slopes["model.viscosity"]).all()
+    assert (slopes["model.modulus"] == 400).all()
+    known = contrasts[contrasts["p"].notna()]
+    assert (known["p_holm"] >= known["p"]).all()
+
+
+def test_a_table_of_another_tensor_is_asked_for_by_name(whole):
+    """This model has the periodic one alone: then there is nothing in the others."""
+    tables = make_tables(whole.folder, tensor="internal")
+    assert (tables["curves"]["n"] == 0).all()
+    assert len(tables["harmonics"]) == len(tables["features"]) == len(tables["contrasts"]) == 0
+    assert tables["runs"]["flagged"].all()
+    with pytest.raises(ValueError, match="give one of periodic, internal, external"):
+        make_tables(whole.folder, tensor="surface")
 
 
 assert kelvin_voigt.PHYSICS_VERSION == 1  # its import makes the model known

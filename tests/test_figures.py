@@ -3,66 +3,42 @@
 import numpy as np
 import pandas as pd
 import pytest
+from figure_tables import (
+    AMPLITUDE,
+    AMPLITUDES,
+    FRICTION,
+    MODULI,
+    attributed,
+    features,
+    harmonics,
+    main_study,
+    points,
+    runs,
+)
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex, to_rgb
 
-from shear_sim.figures import branches, curves, draw, example_run
+from shear_sim.figures import (
+    CAPTIONS,
+    branches,
+    contact_laws,
+    curves,
+    draw,
+    example_run,
+    landmark_parameters,
+    landmarks,
+    lissajous,
+    moduli_with_landmarks,
+    quality,
+    style,
+)
+from shear_sim.figures.panels import FOOT_MARK
 from shear_sim.variation import variation
-
-AMPLITUDES = [0.001, 0.01, 0.1, 1.0]
-QUANTITIES = ("storage_modulus", "loss_modulus")
-
-
-def points(cells, replicates=12, planned=12):
-    """Return a table of points as `aggregate` makes it; a cell is its parameters and moduli."""
-    rows = []
-    for cell in cells:
-        row = {"scene": "gel", "block": "main", "replicates": replicates, "planned": planned}
-        row |= {"ci_level": 0.95} | cell
-        for name in QUANTITIES:
-            mean = row.pop(name, 100.0)
-            row[f"{name}_mean"] = mean
-            row[f"{name}_ci_low"] = row.get(f"{name}_ci_low", mean - 0.1 * abs(mean))
-            row[f"{name}_ci_high"] = row.get(f"{name}_ci_high", mean + 0.1 * abs(mean))
-            row[f"{name}_ci_method"] = "BCa"
-        rows.append(row)
-    table = pd.DataFrame(rows)
-    table.attrs["units"] = {f"{name}_mean": "Pa" for name in QUANTITIES}
-    table.attrs["units"] |= {"model.young_modulus": "Pa"}
-    return table
-
-
-def main_study():
-    """Return a study like configs/main.yaml, in small: two scenes, friction, and two branches."""
-    base = {
-        "model.friction": 0.01,
-        "model.links.cut": "cells",
-        "model.young_modulus": 8000.0,
-        "model.contact_law.kind": "divergent",
-        "model.contact_law.begin": np.nan,
-    }
-    cells = [
-        base
-        | {
-            "scene": scene,
-            "model.links.cut": cut,
-            "model.friction": friction,
-            "shear.strain_amplitude": amplitude,
-            "storage_modulus": 1000.0 / (1 + amplitude / friction),
-        }
-        for scene, cut in (("gel", "cells"), ("loose", "none"))
-        for friction in (0.01, 0.1, 1.0)
-        for amplitude in AMPLITUDES
-    ]
-    for amplitude in (0.01, 1.0):
-        strain = {"shear.strain_amplitude": amplitude}
-        cells += [base | strain | {"model.young_modulus": e} for e in (2000.0, 32000.0)]
-        law = {"model.contact_law.kind": "plateau", "model.contact_law.begin": 0.3}
-        cells.append(base | strain | law)
-    return points(cells)
 
 
 def lines(axis):
-    return [line for line in axis.get_lines() if line.get_marker() not in ("None", "v")]
+    return [line for line in axis.get_lines() if line.get_marker() not in ("None", FOOT_MARK)]
 
 
 def test_a_study_is_read_from_its_table():
@@ -85,7 +61,7 @@ def test_without_an_amplitude_the_first_number_that_varies_is_the_axis():
 
 
 def test_curves_have_a_panel_per_scene_and_a_line_per_friction_at_the_reference():
-    figure = curves(main_study(), QUANTITIES)
+    figure = curves(main_study(), MODULI)
     assert len(figure.axes) == 4
     gel, loose, gel_loss, _ = figure.axes
     assert [gel.get_title(), loose.get_title()] == ["gel", "loose"]
@@ -101,7 +77,7 @@ def test_curves_have_a_panel_per_scene_and_a_line_per_friction_at_the_reference(
 
 
 def test_branches_have_a_panel_per_parameter_and_a_line_per_amplitude_at_which_it_varies():
-    figure = branches(main_study(), QUANTITIES)
+    figure = branches(main_study(), MODULI)
     young, law = figure.axes[:2]
     assert [line.get_xdata().tolist() for line in lines(young)] == [[2000, 8000, 32000]] * 2
     assert figure.axes[2].get_xlabel() == "Young's modulus $E$ [Pa]"
@@ -121,10 +97,10 @@ def test_a_mean_that_is_not_positive_is_marked_at_the_foot_and_counted():
     figure = curves(table, ("storage_modulus",))
     (axis,) = figure.axes
     assert axis.get_yscale() == "log"
-    (mark,) = [line for line in axis.get_lines() if line.get_marker() == "v"]
+    (mark,) = [line for line in axis.get_lines() if line.get_marker() == FOOT_MARK]
     assert mark.get_xdata().tolist() == [1.0]
     assert mark.get_ydata().tolist() == [axis.get_ylim()[0]]
-    assert "open triangles: mean not positive (1)" in figure.get_suptitle()
+    assert "arrows at the foot: mean not positive (1)" in figure.get_suptitle()
 
 
 def test_an_interval_that_reaches_zero_is_cut_at_the_foot():
@@ -173,11 +149,19 @@ def test_mostly_negative_quantities_are_drawn_on_a_linear_axis():
 @pytest.mark.parametrize("make", [curves, branches])
 def test_a_partial_study_says_n_of_n(make):
     table = main_study()
-    table.loc[0, "replicates"] = 5
-    total = 12 * len(table)
+    total = table.attrs["done"]
+    table.attrs["done"] -= 7
     note = f"PARTIAL STUDY: {total - 7} of {total} runs"
-    assert note in make(table, QUANTITIES).get_suptitle()
-    assert "PARTIAL" not in make(main_study(), QUANTITIES).get_suptitle()
+    assert note in make(table, MODULI).get_suptitle()
+    assert "PARTIAL" not in make(main_study(), MODULI).get_suptitle()
+
+
+@pytest.mark.parametrize("make", [curves, branches])
+def test_moduli_that_are_not_of_all_contacts_are_called_so(make):
+    table = main_study()
+    assert "tensor" not in make(table, MODULI).get_suptitle()
+    table.attrs["tensor"] = "internal"
+    assert "moduli of the internal tensor" in make(table, MODULI).get_suptitle()
 
 
 def test_a_random_design_is_drawn_as_points():
@@ -195,9 +179,9 @@ def test_a_random_design_is_drawn_as_points():
 def test_nothing_to_draw_against_is_an_error():
     table = points([{"model.contact_law.kind": kind} for kind in "ab"])
     with pytest.raises(ValueError, match="no numeric parameter varies"):
-        curves(table, QUANTITIES)
+        curves(table, MODULI)
     with pytest.raises(ValueError, match="no branches"):
-        branches(points([{"shear.strain_amplitude": a} for a in AMPLITUDES]), QUANTITIES)
+        branches(points([{"shear.strain_amplitude": a} for a in AMPLITUDES]), MODULI)
 
 
 def oscillation():
@@ -243,8 +227,8 @@ def test_a_point_with_values_of_its_own_is_drawn_without_a_complaint(caplog):
     keys = ("shear.strain_amplitude", "model.friction", "model.young_modulus")
     table = points([dict(zip(keys, rng.uniform(0.1, 1, 3), strict=True)) for _ in range(8)])
     assert variation(table).reference == {"gel": {}}
-    branches(table, QUANTITIES)
-    curves(table, QUANTITIES)
+    branches(table, MODULI)
+    curves(table, MODULI)
     assert caplog.records == []
 
 
@@ -257,18 +241,246 @@ def test_example_of_a_steady_shear():
     assert loop.get_xdata()[-1] == pytest.approx(3.0)
 
 
+def softening_at_friction(name, point):
+    """Softening at μ and yield at 10 μ + 0.1; the peak of G'' only where μ < 1; no plateau."""
+    friction = point[FRICTION]
+    if name == "low_strain_plateau":
+        return AMPLITUDES[0]
+    peak = np.inf if friction == 1.0 else 2 * friction
+    return {"softening": friction, "loss_peak": peak, "yield": 0.1 + 10 * friction}[name]
+
+
+def test_moduli_of_each_curve_with_their_landmarks():
+    table = main_study()
+    figure = moduli_with_landmarks(table, features(table, softening_at_friction))
+    titles = [axis.get_title() for axis in figure.axes]
+    expected = [f"{s}, $\\mu$ = {f:g}" for s in ("gel", "loose") for f in (0.01, 0.1, 1)]
+    assert titles == expected
+    first = figure.axes[0]
+    storage, loss = lines(first)[:2]
+    assert storage.get_ydata() == pytest.approx([1000 / (1 + a / 0.01) for a in AMPLITUDES])
+    assert storage.get_markerfacecolor() == storage.get_color()
+    assert loss.get_markerfacecolor() == "white"
+    marks = {line.get_label(): line.get_xdata()[0] for line in lines(first)[2:]}
+    assert marks == {"softening": 0.01, "peak of $G''$": 0.02, "yield, $G'=G''$": 0.2}
+    bars = [c.get_segments() for c in first.collections if isinstance(c, LineCollection)]
+    ends = sorted(tuple(bar[0][:, 0]) for bar in bars if len(bar) == 1)
+    assert ends == [pytest.approx((0.9 * x, 1.1 * x)) for x in (0.01, 0.02, 0.2)]
+    # Beyond the amplitudes at μ = 1: no mark.
+    assert "peak of $G''$" not in {line.get_label() for line in figure.axes[2].get_lines()}
+
+
+def test_too_many_curves_for_a_page_are_thinned_and_counted():
+    frictions = np.logspace(-3, 0, 40)
+    table = points([{AMPLITUDE: a, FRICTION: f} for a in AMPLITUDES for f in frictions])
+    figure = moduli_with_landmarks(table)
+    assert len(figure.axes) == 30
+    titles = [axis.get_title() for axis in figure.axes]
+    assert (titles[0], titles[-1]) == ("$\\mu$ = 0.001", "$\\mu$ = 1")
+    assert "30 of 40 values of $\\mu$ are drawn" in figure.get_suptitle()
+
+
+@pytest.mark.parametrize("draw_curves", [moduli_with_landmarks, lissajous])
+def test_points_that_form_no_curves_are_refused(draw_curves):
+    table = points([{FRICTION: friction} for friction in (0.1, 1.0)])
+    more = [] if draw_curves is moduli_with_landmarks else [harmonics(table, [1], [1]), "elastic"]
+    with pytest.raises(ValueError, match="no curves over shear"):
+        draw_curves(table, *more)
+
+
+def test_landmarks_against_friction():
+    table = main_study()
+    found = features(table, softening_at_friction)
+    assert landmark_parameters(found)[0] == FRICTION
+    figure = landmarks(found, [FRICTION])
+    assert [axis.get_title() for axis in figure.axes[:2]] == ["gel", "loose"]
+    gel = figure.axes[0]
+    by_marker = {line.get_marker(): line for line in gel.get_lines()}
+    assert by_marker["v"].get_xdata().tolist() == [0.01, 0.1, 1.0]
+    assert by_marker["v"].get_ydata().tolist() == [0.01, 0.1, 1.0]
+    assert by_marker["*"].get_ydata() == pytest.approx([0.2, 1.1, 10.1])
+    assert by_marker["^"].get_ydata() == pytest.approx([0.02, 0.2])
+    # The peak at μ = 1 lies beyond the amplitudes: an arrow at the largest of them.
+    arrow = by_marker["$\\uparrow$"]
+    assert (arrow.get_xdata().tolist(), arrow.get_ydata().tolist()) == ([1.0], [1.0])
+    assert arrow.get_color() == by_marker["^"].get_color()
+    assert by_marker["None"].get_xdata().tolist() == by_marker["None"].get_ydata().tolist()
+    assert "dotted: $\\gamma_0=\\mu$" in figure.get_suptitle()
+    stress = figure.axes[4]
+    assert stress.get_ylabel() == "stress $|G^*|\\gamma_0$ [Pa]"
+    assert {line.get_marker() for line in stress.get_lines()} == {"v", "*"}
+
+
+def test_landmarks_of_much_coarser_curves_are_not_compared():
+    """The branches of the study have two amplitudes, where the curves have four."""
+    found = features(main_study(), softening_at_friction)
+    assert landmark_parameters(found) == [FRICTION]
+    with pytest.raises(ValueError, match="no two curves differ in one of"):
+        landmarks(found, ["model.young_modulus"])
+    # As fine as the others, they are.
+    even = features(main_study(), softening_at_friction)
+    even["amplitudes"] = 4
+    names = [FRICTION, "model.young_modulus", "model.contact_law.kind"]
+    assert sorted(landmark_parameters(even)) == sorted(names)
+    law = landmarks(even, ["model.contact_law.kind"]).axes[-1]
+    assert [text.get_text() for text in law.get_xticklabels()] == ["divergent", "plateau"]
+
+
+def corners(collection):
+    return [path.vertices for path in collection.get_paths()]
+
+
+@pytest.mark.parametrize("kind", ["elastic", "viscous"])
+def test_lissajous_curves_of_a_spring_and_a_dashpot_are_ellipses(kind):
+    """τ = A (G' sin θ + G'' cos θ), over √(G'² + G''²) A."""
+    storage, loss = 3.0, 4.0
+    table = points([{AMPLITUDE: a, FRICTION: f} for a in (0.1, 1.0) for f in (0.0, 0.5, 1.0)])
+    figure = lissajous(table, harmonics(table, [storage], [loss]), kind)
+    (axis,) = figure.axes
+    filled, loops, parts, firsts = (corners(c) for c in axis.collections[2:])
+    assert len(loops) == len(parts) == len(firsts) == len(filled) == 6
+    # The mean over the replicates, (0.5 + 1.5)/2 = 1 times these moduli, at A = 1 and μ = 1.
+    theta = np.linspace(0, 2 * np.pi, len(loops[0]))
+    abscissa = np.sin(theta) if kind == "elastic" else np.cos(theta)
+    stress = (storage * np.sin(theta) + loss * np.cos(theta)) / 5.0
+    slope = {"elastic": 0.6, "viscous": 0.8}[kind]
+    loop = next(c for c in loops if c[:, 0].min() > 0.5 and c[:, 1].min() > 1.5)
+    part = next(c for c in parts if c[:, 0].min() > 0.5 and c[:, 1].min() > 1.5)
+    half = (loop[:, 0].max() - loop[:, 0].min()) / 2
+    assert (loop - [1, 2]) / half == pytest.approx(np.column_stack([abscissa, stress]), abs=1e-3)
+    assert (part - [1, 2])[:, 1] == pytest.approx(slope * (part - [1, 2])[:, 0], abs=1e-4)
+    assert np.array(firsts) == pytest.approx(np.array(loops))
+    assert [t.get_text() for t in axis.get_xticklabels()] == ["0.1", "1"]
+    assert [t.get_text() for t in axis.get_yticklabels()] == ["0", "0.5", "1"]
+
+
+def test_higher_harmonics_change_the_loop_but_not_its_area():
+    """The work of a cycle is π A² G''₁, whatever the other harmonics."""
+    table = points([{AMPLITUDE: a} for a in (0.1, 1.0)])
+    figure = lissajous(table, harmonics(table, [3.0, 0.0, -1.0], [2.0, 0.0, 0.7]), "elastic")
+    loop, ellipse = (corners(c)[0] for c in (figure.axes[0].collections[i] for i in (3, 5)))
+
+    def area(polygon):
+        x, y = polygon.T
+        return abs(np.sum(x[:-1] * np.diff(y) - y[:-1] * np.diff(x))) / 2
+
+    assert area(loop) == pytest.approx(area(ellipse), rel=1e-3)
+    assert np.abs(loop - ellipse).max() > 0.05
+
+
+def test_quality_counts_the_runs_beyond_the_limits():
+    table = runs(main_study())
+    half = len(table) // 2
+    figure = quality(table)
+    titles = {axis.get_title().partition("\n")[0]: axis for axis in figure.axes}
+    assert len(titles) == 3  # nothing is known of the asymmetry
+    ratio = titles["$|G^*|$ of the surface / internal"]
+    assert f"{half} of {2 * half} runs beyond the limit" in ratio.get_title()
+    assert sorted({y for line in lines(ratio) for y in line.get_ydata()}) == [1.01, 1.5]
+    noise = titles["noise at rest / stress amplitude"]
+    assert f"0 of {2 * half} runs beyond the limit" in noise.get_title()
+    assert noise.get_yscale() == "log"  # zeros too are somewhere on it
+    assert all((line.get_ydata() > 0).all() for line in lines(noise))
+    at = np.concatenate([line.get_xdata() for line in lines(ratio)])
+    near = np.array(AMPLITUDES)[np.abs(np.log10(at[:, None] / AMPLITUDES)).argmin(axis=1)]
+    assert np.abs(np.log10(at / near)).max() < 0.06
+
+
+def test_quality_without_any_measure_is_refused():
+    with pytest.raises(ValueError, match="no run has a value"):
+        quality(attributed(pd.DataFrame({"scene": ["gel"], "cycle_change": [np.nan]})))
+
+
+def test_contact_laws_in_micrometres_and_millinewtons():
+    compression = np.linspace(0, 2e-5, 5)
+    table = pd.concat(
+        pd.DataFrame({"law": law, "compression": compression, "force": k * compression})
+        for law, k in (("soft", 1e3), ("hard", 4e3))
+    )
+    (axis,) = contact_laws(table).axes
+    soft, hard = axis.get_lines()
+    assert soft.get_xdata() == pytest.approx([0, 5, 10, 15, 20])
+    assert hard.get_ydata() == pytest.approx([0, 20, 40, 60, 80])
+    assert axis.get_xlabel() == r"compression $\Delta x$ [µm]"
+    assert axis.get_ylabel() == "force per depth $F/L$ [mN/m]"
+
+
+# Machado, Oliveira & Fernandes, IEEE Trans. Vis. Comput. Graph. 15, 1291 (2009), severity 1.
+BLINDNESS = {
+    "none": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+                   [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+                     [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+                   [0.004733, 0.691367, 0.303900]],
+}  # fmt: skip
+
+
+def lab(colour, blindness):
+    """Return CIELAB (D65) of a colour as it is seen with one kind of blindness."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(np.array(BLINDNESS[blindness]) @ linear, 0, 1)
+    xyz = np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    ) @ seen / [0.9505, 1.0, 1.089]  # fmt: skip
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("blindness", BLINDNESS)
+@pytest.mark.parametrize(
+    ("palette", "least"),
+    [
+        (style.UNORDERED, 10),  # each has a marker of its own, too
+        ((style.STORAGE, style.LOSS), 40),
+        (style.shades(4), 20),
+        (style.shades(8), 8),
+    ],
+    ids=["unordered", "moduli", "four", "eight"],
+)
+def test_colours_are_told_apart_with_any_colour_vision(blindness, palette, least):
+    """A difference ΔE of 2.3 is just noticeable side by side; lines stand apart."""
+    seen = [lab(colour, blindness) for colour in palette]
+    differences = {
+        (to_hex(a), to_hex(b)): np.linalg.norm(seen[i] - seen[j])
+        for i, a in enumerate(palette)
+        for j, b in enumerate(palette[:i])
+    }
+    assert min(differences.values()) > least, differences
+    # On white paper, none fades away.
+    assert max(colour[0] for colour in seen) < 83
+
+
 def test_figures_are_files_of_print_quality_and_the_same_bits_each_time(tmp_path):
-    tables = {"moduli": main_study()}
+    tables = {"steady": points([{"shear.relative_rate": r} for r in (0.1, 1.0)])}
+    tables["steady"] = attributed(tables["steady"].rename(columns=as_steady))
+    tables["runs"] = attributed(pd.DataFrame({"scene": []}))
     paths = draw(tables, tmp_path / "figures")
-    assert [path.name for path in paths] == ["moduli.png", "moduli_branches.png"]
+    assert [path.name for path in paths] == ["steady.png", "steady.pdf"]
     again = draw(tables, tmp_path / "again")
     for one, two in zip(paths, again, strict=True):
         assert one.read_bytes() == two.read_bytes()
-        assert one.stat().st_size < 1_000_000
-        width = int.from_bytes(one.read_bytes()[16:20])
-        assert width >= 7 * 300
+    picture, page = (path.read_bytes() for path in paths)
+    assert int.from_bytes(picture[16:20]) == 3.5 * 300
+    assert page.startswith(b"%PDF")
+    assert len(picture) + len(page) < 200_000
+
+
+def as_steady(name):
+    return name.replace("storage_modulus", "shear_stress").replace("loss_modulus", "viscosity")
+
+
+def test_figures_that_a_study_does_not_allow_any_more_are_removed(tmp_path):
+    (tmp_path / "landmarks.png").touch()
+    (tmp_path / "my_own.png").touch()
+    assert draw({"runs": attributed(pd.DataFrame({"scene": []}))}, tmp_path) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["my_own.png"]
+    assert "landmarks" in CAPTIONS
 
 
 def test_a_study_without_results_has_no_figures(tmp_path):
     table = main_study().assign(replicates=0)
-    assert draw({"moduli": table}, tmp_path) == []
+    nothing = attributed(pd.DataFrame({"scene": []}))
+    assert draw({"curves": table, "runs": nothing}, tmp_path) == []

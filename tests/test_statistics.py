@@ -6,116 +6,196 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from shear_sim.statistics import interval
+from shear_sim.statistics import RESAMPLES, holm, interval, intervals
 
 
 def rng(seed=1):
     return np.random.default_rng(seed)
 
 
+def mean(values):
+    return lambda counts: values[None] @ counts[0].T / counts[0].sum(axis=1)
+
+
 def test_ten_replicates_or_more_are_bootstrapped_by_scipy():
     values = rng(3).lognormal(size=12)
-    found = interval(values, resamples=2000, rng=rng())
+    found = interval(values, resamples=2000, seed=7)
     expected = stats.bootstrap(
-        (values,), np.mean, n_resamples=2000, method="BCa", rng=rng()
+        (values,), np.mean, n_resamples=2000, method="BCa", rng=rng(7)
     ).confidence_interval
-    assert (found.low, found.high) == (expected.low, expected.high)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), rel=1e-12)
+    assert found.estimate == pytest.approx(values.mean(), rel=1e-15)
     assert (found.method, found.n, found.flag) == ("BCa", 12, None)
 
 
-def test_fewer_are_student_on_logarithms_where_all_are_positive():
-    values = np.array([1.0, 2.0, 4.0, 8.0])
-    found = interval(values, rng=rng())
-    half = stats.t.ppf(0.975, 3) * np.log(values).std(ddof=1) / 2
-    middle = np.log(np.sqrt(8))  # of the logarithms of 1, 2, 4, 8
-    assert found.low == pytest.approx(np.exp(middle - half), rel=1e-12)
-    assert found.high == pytest.approx(np.exp(middle + half), rel=1e-12)
+def test_groups_are_resampled_by_themselves():
+    """A stratified bootstrap: scipy's own for several samples, of any statistic."""
+    one, two = rng(3).lognormal(size=12), rng(4).lognormal(size=15)
+
+    def ratio(a, b, axis):
+        return np.log(a.mean(axis) / b.mean(axis))
+
+    def ratio_of_counts(counts):
+        return np.log(mean(one)(counts[:1]) / mean(two)(counts[1:]))
+
+    [found] = intervals(ratio_of_counts, [12, 15], seed=5)
+    expected = stats.bootstrap(
+        (one, two), ratio, n_resamples=RESAMPLES, rng=rng(5)
+    ).confidence_interval
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), rel=1e-9)
+
+
+def test_many_quantities_share_their_resamples():
+    values = rng(3).lognormal(size=(5, 12))
+    together = intervals(lambda c: values @ c[0].T / c[0].sum(axis=1), [12], seed=2)
+    for one, row in zip(together, values, strict=True):
+        alone = interval(row, seed=2)
+        assert (one.low, one.high) == pytest.approx((alone.low, alone.high), rel=1e-12)
+
+
+def test_fewer_are_student_with_the_jackknife_on_the_logarithm_where_all_are_positive():
+    """The delta method: ln of the mean, with the standard error of the mean / the mean.
+
+    The jackknife agrees with it to first order in the scatter.
+    """
+    values = 1000.0 + np.array([-3.0, 1.0, 2.0, -1.0, 1.0])
+    found = interval(values, seed=1)
+    half = stats.t.ppf(0.975, 4) * values.std(ddof=1) / np.sqrt(5) / values.mean()
+    assert found.low == pytest.approx(values.mean() * np.exp(-half), rel=1e-6)
+    assert found.high == pytest.approx(values.mean() * np.exp(half), rel=1e-6)
     assert found.method == "t_log"
     assert found.flag == "fewer than 10 replicates"
 
 
 @pytest.mark.parametrize("lowest", [-1.0, 0.0])
-def test_fewer_are_plain_student_where_one_is_not_positive(lowest):
-    values = np.array([lowest, 2.0, 4.0, 8.0, 9.0])
-    found = interval(values, level=0.9, rng=rng())
+def test_fewer_with_values_that_are_not_positive_are_student_as_they_are(lowest):
+    """Although every mean of all but one is positive."""
+    values = [lowest, 4.0, 5.0]
+    found = interval(values, level=0.9, seed=1)
     expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.9)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high), rel=1e-12)
     assert found.method == "t"
 
 
-def test_median():
-    values = rng(3).normal(size=15)
-    found = interval(values, statistic="median", rng=rng())
-    assert found.method == "percentile"
-    assert found.low < np.median(values) < found.high
-    assert {found.low, found.high} <= set(values)  # odd n: medians are values of the sample
-
-
 @pytest.mark.parametrize("values", [[], [3.0]])
 def test_one_replicate_bounds_nothing(values):
-    found = interval(values, rng=rng())
+    found = interval(values, seed=1)
     assert math.isnan(found.low)
     assert math.isnan(found.high)
     assert (found.method, found.n) == ("none", len(values))
     assert found.flag == "fewer than two replicates"
 
 
+@pytest.mark.parametrize("value", [-2.5, 0.1, 0.0])
 @pytest.mark.parametrize("n", [2, 9, 10, 30])
-def test_equal_replicates_give_zero_width_and_a_flag_and_no_warning(n):
-    found = interval([-2.5] * n, rng=rng())
-    assert (found.low, found.high, found.method) == (-2.5, -2.5, "equal")
-    assert found.flag == "all replicates are equal"
+def test_equal_replicates_give_zero_width_and_a_flag_and_no_warning(n, value):
+    """0.1 is no binary fraction: means of it differ in the last bit."""
+    found = interval([value] * n, seed=1)
+    assert found.low == found.high == found.estimate == pytest.approx(value, rel=1e-15)
+    assert (found.method, found.flag) == ("equal", "all replicates are equal")
+    assert found.p_value(null=1.0) == 0.0
+    assert found.p_value(null=found.estimate) == 1.0
 
 
-@pytest.mark.parametrize("last", [1 + 2e-16, 1 + 1e-14, 2.0])
+@pytest.mark.parametrize("last", [1 + 1e-9, 2.0])
 def test_eleven_equal_replicates_and_one_other_give_an_interval_without_a_warning(last):
-    """Rounding leaves BCa undefined; the method then says so."""
-    found = interval([1.0] * 11 + [last], rng=rng())
+    found = interval([1.0] * 11 + [last], seed=1)
     assert 1.0 <= found.low <= found.high <= last
     assert (found.flag is None) == (found.method == "BCa")
+
+
+def test_a_value_beyond_the_range_in_some_resamples_gives_percentiles_and_says_so():
+    """A mean above 5 is not measured there: as a yield strain beyond all amplitudes."""
+    values = np.array([1.0] * 8 + [10.0] * 4)
+
+    def censored(counts):
+        means = mean(values)(counts)
+        return np.where(means > 5.0, np.inf, means)
+
+    [found] = intervals(censored, [12], seed=3)
+    drawn = stats.binom(12, 1 / 3)
+    assert found.undefined == pytest.approx(drawn.sf(5), abs=0.03)  # six tens or more of twelve
+    assert found.method == "percentile"
+    assert found.flag == f"{100 * found.undefined:.0f} % of the resamples have no finite value"
+    assert found.low == pytest.approx(1 + 9 * drawn.ppf(0.025) / 12)
+    assert found.high == math.inf
+
+
+def test_a_value_that_does_not_exist_in_some_resamples_is_left_out_of_the_percentiles():
+    values = np.array([1.0] * 6 + [3.0] * 6)
+
+    def only_above_two(counts):
+        means = mean(values)(counts)
+        return np.where(means < 1.99, np.nan, means)
+
+    [found] = intervals(only_above_two, [12], seed=3)
+    assert found.undefined == pytest.approx(stats.binom(12, 0.5).cdf(5), abs=0.03)
+    assert found.low == 2.0
+    assert math.isfinite(found.high)
+
+
+def test_a_value_that_hangs_on_one_of_few_replicates_has_no_interval():
+    values = np.array([1.0, 1.0, 1.0, 9.0])
+
+    def censored(counts):
+        means = mean(values)(counts)
+        return np.where(means < 2.0, -np.inf, means)
+
+    [found] = intervals(censored, [4], seed=1)
+    assert (found.estimate, found.method) == (3.0, "none")
+    assert found.undefined == 0.25
+    assert "undefined without some of them" in found.flag
 
 
 @pytest.mark.parametrize("values", [[1.0, math.nan], [1.0, math.inf], [[1.0, 2.0]]])
 def test_values_that_are_none_are_refused(values):
     with pytest.raises(ValueError, match="one finite value per replicate"):
-        interval(values, rng=rng())
+        interval(values, seed=1)
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 95.0])
 def test_a_level_in_percent_is_refused(level):
     with pytest.raises(ValueError, match=r"between 0 and 1, as in 0\.95"):
-        interval([1.0, 2.0], level=level, rng=rng())
+        interval([1.0, 2.0], level=level, seed=1)
 
 
 def test_the_same_seed_gives_the_same_interval():
     values = rng(3).normal(size=20)
-    assert interval(values, rng=rng(5)) == interval(values, rng=rng(5))
-    assert interval(values, rng=rng(5)) != interval(values, rng=rng(6))
+    assert interval(values, seed=5) == interval(values, seed=5)
+    assert interval(values, seed=5) != interval(values, seed=6)
+
+
+def test_p_values_are_those_of_student():
+    """Paired: one sample of differences. Independent: Welch's test of two samples."""
+    one, two = rng(3).normal(size=12), 1.0 + rng(4).normal(size=12)
+    difference = interval(one - two, seed=1)
+    assert difference.p_value() == pytest.approx(stats.ttest_rel(one, two).pvalue, rel=1e-9)
+
+    def apart(counts):
+        return mean(one)(counts[:1]) - mean(two[:9])(counts[1:])
+
+    [found] = intervals(apart, [12, 9], seed=1)
+    expected = stats.ttest_ind(one, two[:9], equal_var=False)
+    assert found.p_value() == pytest.approx(expected.pvalue, rel=1e-9)
+    half = expected.confidence_interval(0.95)
+    assert found.method == "t"  # of the smaller group
+    assert (found.low, found.high) == pytest.approx((half.low, half.high), rel=1e-9)
+
+
+def test_holm():
+    """By hand: 0.005 x 4, 0.01 x 3, then 0.03 x 2, and never less than the one before."""
+    found = holm([0.01, 0.04, math.nan, 0.03, 0.005])
+    assert found == pytest.approx([0.03, 0.06, math.nan, 0.06, 0.02], nan_ok=True)
+    assert holm([0.6, 0.9]).tolist() == [1.0, 1.0]
+    assert len(holm([])) == 0
 
 
 def test_student_intervals_cover_as_often_as_they_say():
-    """Exact for normal and (on logarithms) lognormal values: 2000 draws of 6, binomial.
+    """Of normal values exactly: 2000 draws of 6.
 
-    The limits are the quantiles at 1e-6: that is how often another seed would fail a right one.
+    The limits are the binomial quantiles at 1e-6: so often another seed would fail a right one.
     """
     draws = 2000
     low, high = stats.binom.ppf([1e-6, 1 - 1e-6], draws, 0.95)
-    source = rng(11)
-    plain = [interval(x, rng=source) for x in source.normal(size=(draws, 6))]
-    logs = [interval(x, rng=source) for x in source.lognormal(sigma=0.4, size=(draws, 6))]
-    assert {i.method for i in logs} == {"t_log"}
-    assert low <= sum(i.low <= 0 <= i.high for i in plain) <= high
-    assert low <= sum(i.low <= 1 <= i.high for i in logs) <= high  # the geometric mean
-
-
-def test_bootstrap_intervals_cover_little_less_than_they_say():
-    """BCa at n = 12: 0.91 of normal means are covered (measured with 4000 draws), not 0.95.
-
-    The limits are binomial around 0.91 at 1e-6; below 0.81 or so the interval is broken.
-    """
-    draws = 400
-    low, high = stats.binom.ppf([1e-6, 1 - 1e-6], draws, 0.91)
-    source = rng(12)
-    found = [interval(x, resamples=499, rng=source) for x in source.normal(size=(draws, 12))]
-    assert {i.method for i in found} == {"BCa"}
+    found = [interval(x, seed=1) for x in rng(11).normal(size=(draws, 6))]
     assert low <= sum(i.low <= 0 <= i.high for i in found) <= high

@@ -1,8 +1,8 @@
 """Speed against error: what a job's steps cost and what error they leave.
 
 Every run of a job starts from the same prepared packing. A run with n times the job's steps per
-period also cuts them into substeps by limits n times finer; the reference is `REFERENCE` times
-finer in both. Errors shrink with the step only where
+period also cuts them into substeps by limits n times finer (but none is coarser than by default);
+the reference is `REFERENCE` times finer in both. Errors shrink with the step only where
 neighbouring trajectories stay together. A job is
 
 ``convergent``  if the error of the stress falls when every step is halved (or is negligible), and
@@ -450,9 +450,8 @@ def summarise_pairs(differences: FloatArray, failed: int, *, seed: int) -> dict[
     ``seed`` is that of the bootstrap: the same values have the same interval in every report.
     """
     row: dict[str, Any] = {"packings": len(differences), "failed": failed}
-    rng = np.random.default_rng(seed)
     for name, values in zip(("magnitude", "loss"), differences.T, strict=True):
-        found = interval(values, rng=rng)
+        found = interval(values, seed=seed)
         row |= {
             f"{name}_difference_mean": float(values.mean()) if len(values) else math.nan,
             f"{name}_difference_ci_low": found.low,

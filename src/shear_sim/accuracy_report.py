@@ -8,7 +8,7 @@ import numpy as np
 from shear_sim import accuracy
 from shear_sim.accuracy import Measured, Say
 from shear_sim.aggregate import save
-from shear_sim.figures import DPI, STYLE, UNORDERED, WIDTH, log_ticks
+from shear_sim.figures import style
 from shear_sim.results import ResultsError
 from shear_sim.workers import compile_for, telling
 
@@ -131,9 +131,7 @@ def _write(
         save(accuracy.pairs_table(undecided, pairs, varied), results.tables / "accuracy_pairs")
         written.append(f"{stem}_pairs.*")
     if runs["failed"].isna().any():
-        path = results.figures / "accuracy.png"
-        draw(runs).savefig(path, dpi=DPI, metadata={"Software": None})
-        written.append(str(path))
+        written += map(str, style.save(draw(runs), results.figures / "accuracy"))
     return written
 
 
@@ -208,14 +206,10 @@ def draw(runs: "pd.DataFrame") -> "Figure":
     runs : DataFrame
         As `shear_sim.accuracy.runs_table` returns it.
     """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     made = runs[runs["failed"].isna()]
     convergent = made[made["verdict"] == "convergent"]
     used = made if convergent.empty else convergent
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
+    with style.figure(style.DOUBLE, 5.4) as figure:
         axes = figure.subplots(2, 2, sharex=True)
         for axis, (key, label) in zip(axes.flat, _PANELS.items(), strict=True):
             _panel(axis, used, key)
@@ -225,8 +219,8 @@ def draw(runs: "pd.DataFrame") -> "Figure":
         for axis in axes[1]:
             axis.set_xlabel("CPU time per period $T$ [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
-        figure.suptitle(_title(made, used, none_converges=convergent.empty), fontsize=8)
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        style.note(figure, _title(made, used, none_converges=convergent.empty))
     return figure
 
 
@@ -246,7 +240,7 @@ def _panel(axis: "Axes", used: "pd.DataFrame", key: str) -> None:
     if positive.empty:
         return
     schemes = positive.groupby("scheme", sort=False)
-    for colour, (scheme, of_scheme) in zip(UNORDERED, schemes, strict=False):
+    for colour, (scheme, of_scheme) in zip(style.UNORDERED, schemes, strict=False):
         rungs = of_scheme.groupby("factor")
         x, y = rungs["cpu_per_period"].median(), rungs[key].median()
         name = str(scheme).replace("_", " ")
@@ -272,7 +266,7 @@ def _panel(axis: "Axes", used: "pd.DataFrame", key: str) -> None:
             markerfacecolor="#F0E442", linestyle="none", label="as in the study", zorder=5,
         )  # fmt: skip
     cost = positive["cpu_per_period"]
-    log_ticks(axis.xaxis, float(cost.min()), float(cost.max()))
+    style.log_ticks(axis.xaxis, float(cost.min()), float(cost.max()))
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

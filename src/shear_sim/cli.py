@@ -5,6 +5,7 @@ import signal
 import sys
 import warnings
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -48,6 +49,20 @@ RetryFailed = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RESULTS = Path("results")
+
+
+class Tensor(StrEnum):
+    """Stress tensors whose moduli can be tabulated."""
+
+    periodic = "periodic"
+    internal = "internal"
+    external = "external"
+
+
+OfTensor = Annotated[
+    Tensor | None,
+    typer.Option("--tensor", help="Whose moduli the tables are of; default: all contacts."),
+]
 
 
 def _version(wanted: bool) -> None:
@@ -204,6 +219,13 @@ def show(
 def aggregate(
     results: ResultsFolder,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Also draw.")] = True,
+    tensor: OfTensor = None,
+    historical: Annotated[
+        bool,
+        typer.Option(
+            "--historical", help="Also the moduli as particleShear and its R scripts did."
+        ),
+    ] = False,
 ) -> None:
     """Make the tables and figures of a study from its results, also from partial ones.
 
@@ -212,11 +234,41 @@ def aggregate(
     from shear_sim import aggregate as aggregation
     from shear_sim.summary import print_summary
 
-    tables = aggregation.make_tables(results)
+    tables = aggregation.make_tables(results, tensor=tensor, historical=historical)
     print_summary(tables)  # first: the results may be somebody else's, and read-only
     aggregation.write(results, tables, figures=figures)
     written = ("tables", "figures") if figures else ("tables",)
     typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
+
+
+@app.command()
+def import_legacy(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILES", help="Output files (.txt, .txt.gz; split: .txt, .rda), or folders."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Results folder to make.")],
+) -> None:
+    """Read output files of particleShear into a results folder, to aggregate as any other.
+
+    Example: shear-sim import-legacy old_runs/*.txt --out results/old
+    """
+    from shear_sim.legacy import importing
+
+    typer.echo(importing.import_legacy(files, out))
+
+
+@app.command()
+def report(results: ResultsFolder, tensor: OfTensor = None) -> None:
+    """Aggregate a study and write report.html: one page with all of it, to be mailed.
+
+    Example: shear-sim report results/main
+    """
+    from shear_sim.report import write_report
+
+    typer.echo(f"written: {write_report(results, tensor=tensor)}")
 
 
 @app.command()
@@ -339,12 +391,13 @@ def main() -> NoReturn:
 def _explain(error: Exception) -> int:
     """Say what went wrong; return the exit code."""
     from shear_sim.document import StudyError
+    from shear_sim.legacy.headers import LegacyError
     from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError
 
-    if isinstance(error, StudyError | PlanError | ResultsError | TableError):
+    if isinstance(error, StudyError | LegacyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)

@@ -18,7 +18,7 @@ import contextlib
 import json
 import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -39,10 +39,10 @@ from shear_sim.tables import (
 if TYPE_CHECKING:
     import pyarrow
 
-    from shear_sim.study import Study
+    from shear_sim.study import Labels, Study
 
 FORMAT = 1  # of result files, plan and index; raised when an older program cannot read them
-INDEX_FORMAT = 2
+INDEX_FORMAT = 3
 STAMPED = ("job", "bytes", "mtime_ns")  # columns by which the index knows a result file again
 
 FailureKind = Literal["physics", "crash", "error"]
@@ -105,8 +105,9 @@ class Results:
         Raises
         ------
         ResultsError
-            If the folder cannot be written.
+            If the folder cannot be written, or holds runs that were imported.
         """
+        self.refuse_imported()
         try:
             for folder in (self.jobs, self.failed, self.tables, self.figures, self.logs):
                 folder.mkdir(parents=True, exist_ok=True)
@@ -122,9 +123,11 @@ class Results:
 
     def _keep_plan(self, study: "Study") -> None:
         """Write ``plan.parquet`` unless it is there: every shard has the same one."""
-        import pyarrow as pa
-
-        jobs = sorted((job.id, point, job) for point, of in study.groups().items() for job in of)
+        jobs = sorted(
+            (job.id, point, job.replicate, job.labels)
+            for point, of in study.groups().items()
+            for job in of
+        )
         summary = {
             "format": FORMAT,
             "study": study.name,
@@ -133,16 +136,8 @@ class Results:
             "varied": list(study.varied),
             "models": sorted({point.point.kind for point in study.points}),
         }
-        columns: dict[str, list[Any]] = {
-            "job": [job for job, _, _ in jobs],
-            "point": [point for _, point, _ in jobs],
-            "replicate": [job.replicate for _, _, job in jobs],
-            "labels": [to_json(job.labels) for _, _, job in jobs],
-        }
-        values = {point.id: flatten(json.loads(point.json)) for point in study.points}
-        for name in study.varied:
-            columns[name] = [values[point].get(name) for point in columns["point"]]
-        table = pa.table(columns)
+        points = {point.id: json.loads(point.json) for point in study.points}
+        table = plan_table(jobs, points, study.varied)
         with contextlib.suppress(TableError):  # none yet, or a damaged one
             if self.plan()[1] == summary and self.plan()[0].equals(table):
                 return
@@ -161,6 +156,28 @@ class Results:
             If there is no plan or it is damaged.
         """
         return read_arrow(self.plan_file), read_summary(self.plan_file)
+
+    def program(self) -> str | None:
+        """Return the program whose runs were imported into this folder; None: they are ours."""
+        with contextlib.suppress(TableError):
+            program: str | None = read_summary(self.plan_file).get("program")
+            return program
+        return None
+
+    def refuse_imported(self) -> None:
+        """Refuse to add runs of ours to imported ones.
+
+        Raises
+        ------
+        ResultsError
+            If the folder holds imported runs.
+        """
+        if program := self.program():
+            msg = (
+                f"{self.folder}: holds runs imported from {program}, to which none of ours are "
+                "added: give --results another folder"
+            )
+            raise ResultsError(msg)
 
     def job_file(self, job: str) -> Path:
         """Return where the result of the job with this id lies, or will lie."""
@@ -198,7 +215,8 @@ class Results:
 
         Columns are ``job``, ``point``, ``replicate``, ``seed``, every parameter under its name in
         the study file (``shear.strain_amplitude``), and the rest of the summary with dotted names
-        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file.
+        (``moduli.periodic.storage``, ``run.cpu_s``). Lists are left to the job's own file, but for
+        those of the moduli (harmonics and periods).
         ``bytes`` is the size of that file. Rows are sorted by job id.
 
         Only files that are new, or have another size or time of change than in the kept index, are
@@ -246,6 +264,37 @@ class Results:
                 return read_arrow(self.index_file)
         types = (pa.string(), pa.int64(), pa.int64())
         return pa.table({n: pa.array([], t) for n, t in zip(STAMPED, types, strict=True)})
+
+
+def plan_table(
+    jobs: "Iterable[tuple[str, str, int, Labels]]",
+    points: Mapping[str, Mapping[str, Any]],
+    varied: Iterable[str],
+) -> "pyarrow.Table":
+    """Return the table of `Results.plan`.
+
+    Parameters
+    ----------
+    jobs : iterable of (id, point, replicate, labels)
+        In the order of the rows.
+    points : mapping
+        The parameters of each point, nested.
+    varied : iterable of str
+        Dotted keys of the parameters that become columns.
+    """
+    import pyarrow as pa
+
+    rows = list(jobs)
+    values = {point: flatten(parameters) for point, parameters in points.items()}
+    columns: dict[str, list[Any]] = {
+        "job": [job for job, _, _, _ in rows],
+        "point": [point for _, point, _, _ in rows],
+        "replicate": [replicate for _, _, replicate, _ in rows],
+        "labels": [to_json(labels) for _, _, _, labels in rows],
+    }
+    for name in varied:
+        columns[name] = [values[point].get(name) for point in columns["point"]]
+    return pa.table(columns)
 
 
 def _listing(folder: Path, suffix: str) -> Iterator[Path]:
@@ -308,8 +357,9 @@ def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     row |= {"seed": job["seed"], "physics_version": job["physics_version"]}
     row |= zip(STAMPED[1:], stamp, strict=True)
     row |= flatten(summary["parameters"])
-    rest = {key: summary[key] for key in summary.keys() - {"format", "job", "parameters"}}
-    return row | flatten(dict(sorted(rest.items())))
+    known = {"format", "job", "parameters", "moduli"}
+    rest = {key: summary[key] for key in sorted(summary.keys() - known)}
+    return row | flatten(rest) | flatten({"moduli": summary.get("moduli", {})}, lists=True)
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "", *, lists: bool = False) -> dict[str, Any]:

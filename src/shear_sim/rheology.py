@@ -32,8 +32,17 @@ TENSORS = {
 }
 WITHOUT_RHEOLOGY = ("compression", "self_propelled")  # kinds of protocol
 HARMONICS = 9
-BASELINE_LIMIT = 0.10  # peak to peak at rest / stress amplitude: the authors' own quality limit
-SURFACE_LIMIT = 0.30  # |G| from external against internal forces: the same
+#: Range outside which each quality of a run is flagged (closed). The first two are the limits of
+#: the authors of the method; a change or drift of a tenth is no stationary response.
+LIMITS = {
+    "baseline_noise": (0.0, 0.10),
+    "surface_internal_ratio": (0.70, 1.30),
+    "cycle_change": (0.0, 0.10),
+    "drift_ratio": (0.0, 0.10),
+    "jumps": (0, 0),
+    "asymmetry": (0.0, 1e-9),
+}
+JUMP = 0.15  # step from record to record that counts as a jump / range of the stress
 BLOCKS = 10  # of the stationary half of a steady shear, for its scatter
 
 # Whole steps per period make a record's phase exact but for rounding, far below one record.
@@ -46,9 +55,10 @@ class Moduli:
 
     ``storage`` and ``loss`` are the first harmonics G' and G''; ``in_phase`` = G' A,
     ``out_of_phase`` = G'' A and ``total`` = |G*| A are the primary values of Table S2-2.
-    ``storage_n`` and ``loss_n`` hold G'_n and G''_n, n = 1 first. ``offset`` is τ₀, the mean stress
-    [Pa], ``drift`` s [Pa/s] (0 where it is not fitted), ``residual`` the root mean square of what
-    the fit leaves [Pa]. ``storage_cycles`` and ``loss_cycles`` are G' and G'' of every whole period
+    ``storage_n`` and ``loss_n`` hold G'_n and G''_n, n = 1 first. ``peak`` is half the peak-to-peak
+    of the fitted stress without its drift [Pa]. ``offset`` is τ₀, the mean stress [Pa], ``drift`` s
+    [Pa/s] (0 where it is not fitted), ``residual`` the root mean square of what the fit leaves
+    [Pa]. ``storage_cycles`` and ``loss_cycles`` are G' and G'' of every whole period
     by itself, the first included, after the drift is taken off: equal cycles are a stationary
     response. ``fitted_periods`` and ``rows`` say how much was fitted.
     """
@@ -60,6 +70,7 @@ class Moduli:
     total: float
     storage_n: tuple[float, ...]
     loss_n: tuple[float, ...]
+    peak: float
     offset: float
     drift: float
     residual: float
@@ -145,6 +156,7 @@ def moduli(
         total=math.hypot(in_phase, out_of_phase),
         storage_n=storage_n,
         loss_n=loss_n,
+        peak=float(np.ptp(detrended[window.start : window.stop])) / 2.0,
         offset=float(fit[0]),
         drift=drift,
         residual=float(np.sqrt(np.mean(window.residual(stress, fit) ** 2))),
@@ -239,7 +251,9 @@ def _design(phase: FloatArray, start: int, stop: int, periods: int, harmonics: i
     return _Design(start, stop, periods, drift, matrix, solve)
 
 
-def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) -> dict[str, Any]:
+def summarise(
+    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any], tensor: str = "periodic"
+) -> dict[str, Any]:
     """Return the JSON-ready rheology of one job, the same at run time and in ``aggregate``.
 
     Parameters
@@ -250,6 +264,9 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         well. Series that were not recorded give null.
     protocol : mapping
         The ``protocol`` block of the simulation's summary.
+    tensor : str
+        The one of `TENSORS` by which an oscillatory run is judged: any other than ``periodic`` only
+        for runs that have no periodic one.
 
     Returns
     -------
@@ -257,12 +274,13 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         Oscillatory shear: ``moduli`` (each tensor's `Moduli` as a dict, or None), ``quality``
         (``baseline_noise``: peak-to-peak of the shear stress in the last third of the rest before
         the shear / stress amplitude; ``surface_internal_ratio``: |G*| external / internal;
-        ``cycle_change``: relative change of |G*| between the last two periods) and ``flags``
-        (``baseline_noisy``: the first over 10 %; ``surface_internal_differ``: the second more than
-        30 % from 1). Steady shear: ``steady`` (see `steady_shear`) and ``flags``. A quantity that
-        does not exist, such as a baseline without a rest, is None. Where nothing can be fitted,
-        ``flags["no_moduli"]`` (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`:
-        ``flags``, without any.
+        ``cycle_change``: relative change of |G*| between the last two periods; ``drift_ratio``:
+        drift over one period / stress amplitude; ``jumps`` and ``largest_jump``: see `jumps`, of
+        the periodic tensor during the oscillation) and ``flags`` (``baseline_noisy``,
+        ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
+        (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
+        without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
+        (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`: ``flags``, without any.
 
     Raises
     ------
@@ -278,14 +296,15 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
         raise ValueError(msg)
     found: dict[str, Moduli | None] = {}
     reason = None
-    for tensor in protocol.get("tensors", TENSORS):
-        name = TENSORS[tensor]
-        found[tensor] = None
+    for each in protocol.get("tensors", TENSORS):
+        name = TENSORS[each]
+        found[each] = None
         if name not in columns:
-            reason = reason or f"the columns that give {name} are not recorded"
+            if each == tensor or each != "periodic":
+                reason = reason or f"the columns that give {name} are not recorded"
             continue
         try:
-            found[tensor] = moduli(
+            found[each] = moduli(
                 columns["time"],
                 columns[name],
                 strain_amplitude=protocol["strain_amplitude"],
@@ -295,26 +314,85 @@ def summarise(columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]) ->
             )
         except ValueError as error:
             reason = reason or str(error)
+    judged = columns
+    if tensor != "periodic":
+        judged = {**columns, "shear_stress": columns[TENSORS[tensor]]}
     quality = {
-        "baseline_noise": _baseline_noise(columns, protocol, found["periodic"]),
+        "baseline_noise": _baseline_noise(judged, protocol, found[tensor]),
         "surface_internal_ratio": _surface_internal_ratio(
             found.get("internal"), found.get("external")
         ),
-        "cycle_change": _cycle_change(found["periodic"]),
+        "cycle_change": _cycle_change(found[tensor]),
+        "drift_ratio": _drift_ratio(found[tensor], protocol),
+        **_jumps(judged, protocol),
     }
-    noise, ratio = quality["baseline_noise"], quality["surface_internal_ratio"]
     flags: dict[str, Any] = {
-        "baseline_noisy": None if noise is None else noise > BASELINE_LIMIT,
-        "surface_internal_differ": None if ratio is None else abs(ratio - 1.0) > SURFACE_LIMIT,
+        "baseline_noisy": _outside("baseline_noise", quality),
+        "surface_internal_differ": _outside("surface_internal_ratio", quality),
         "no_moduli": reason,
     }
-    as_json = {tensor: None if fit is None else _jsonable(fit) for tensor, fit in found.items()}
+    as_json = {each: None if fit is None else _jsonable(fit) for each, fit in found.items()}
     return {"moduli": as_json, "quality": quality, "flags": flags}
 
 
 def _jsonable(fit: Moduli) -> dict[str, Any]:
     """Return the fields with lists for tuples, as JSON gives them back."""
     return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(fit).items()}
+
+
+def _outside(name: str, quality: Mapping[str, float | None]) -> bool | None:
+    value, (low, high) = quality[name], LIMITS[name]
+    return None if value is None else not low <= value <= high
+
+
+def jumps(stress: FloatArray, limit: float = JUMP) -> tuple[NDArray[np.intp], float]:
+    """Find the steps of a stress series from one record to the next that are jumps.
+
+    A stress tensor without the contacts across the edges of the cell jumps whenever a disc crosses
+    an edge; the periodic one has no reason to. A sine alone steps by π/N of its range, with N
+    records per period.
+
+    Parameters
+    ----------
+    stress : (R,)
+        Shear stress of consecutive records [Pa].
+    limit : float
+        Step that counts / range of the series.
+
+    Returns
+    -------
+    rows : (J,)
+        Records before the jumps.
+    largest : float
+        Largest step / range of the series; 0 for a series without a range.
+    """
+    steps, spread = np.abs(np.diff(stress)), np.ptp(stress)
+    if spread == 0.0:
+        return np.empty(0, dtype=np.intp), 0.0
+    return np.flatnonzero(steps > limit * spread), float(steps.max() / spread)
+
+
+def _jumps(
+    columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]
+) -> dict[str, float | None]:
+    nothing: dict[str, float | None] = {"jumps": None, "largest_jump": None}
+    if "shear_stress" not in columns:
+        return nothing
+    time, edge = columns["time"], _EDGE * protocol["period"]
+    # The record at the start of the shear holds the stress before the rate jumps.
+    sheared = (time > protocol["shear_start"] + edge) & (time < protocol["shear_end"] - edge)
+    stress = columns["shear_stress"][sheared]
+    if len(stress) < 2 or not np.isfinite(stress).all():
+        return nothing
+    rows, largest = jumps(stress)
+    return {"jumps": len(rows), "largest_jump": largest}
+
+
+def _drift_ratio(fit: Moduli | None, protocol: Mapping[str, Any]) -> float | None:
+    """Return |drift| over one period / stress amplitude; None where it is not fitted."""
+    if fit is None or fit.total == 0.0 or fit.fitted_periods < 2:
+        return None
+    return abs(fit.drift) * float(protocol["period"]) / fit.total
 
 
 def _baseline_noise(

@@ -75,9 +75,12 @@ def repeat(path: Path, root: Path, tell: Callable[[], None]) -> tuple[Path, list
     TableError
         If the file is not a result.
     ResultsError
-        If this version of the program would compute something else.
+        If this version of the program would compute something else, or the run was imported.
     """
     summary = read_job_summary(path)
+    if program := summary["run"].get("program"):
+        msg = f"{path}: a run imported from {program}, which this program cannot repeat"
+        raise ResultsError(msg)
     before = read_table(path)
     try:
         job = Job.from_json(

@@ -15,7 +15,8 @@ def read_status(results: Results) -> dict[str, Any]:
     """Return the state of a study, JSON-ready: counts, failures, measured times [s] and bytes.
 
     ``planned`` and ``missing`` are None if the study was never planned in this folder; results
-    that the plan does not ask for are ``orphans``.
+    that the plan does not ask for are ``orphans``. ``program`` is the one whose runs were imported,
+    with no times then, or None.
     """
     finished, failures = results.finished(), results.failures()
     try:
@@ -26,6 +27,7 @@ def read_status(results: Results) -> dict[str, Any]:
     of_plan = failures if planned is None else {j: f for j, f in failures.items() if j in planned}
     return {
         "results": str(results.folder),
+        "program": results.program(),
         "planned": None if planned is None else len(planned),
         "done": len(finished if planned is None else finished & planned),
         "failed": [asdict(failure) for failure in of_plan.values()],
@@ -44,7 +46,9 @@ def describe_status(status: Mapping[str, Any]) -> str:
     lines = [f"{status['results']}: {status['done']} of {total} jobs done"]
     if status["missing"] is not None:
         lines[0] += f", {len(status['failed'])} failed, {status['missing']} missing"
-    if status["memory_mb"] is not None:  # some result can be read
+    if status["program"]:
+        lines.append(f"  runs of {status['program']}, imported; {size(status['disk_bytes'])}")
+    elif status["memory_mb"] is not None:  # some result can be read
         each = status["cpu_s"] / (status["done"] + status["orphans"])
         lines.append(
             f"  {duration(status['cpu_s'])} of CPU ({each:.3g} s a job), "

@@ -1,10 +1,11 @@
-"""What `aggregate` says on the screen: how much is there, and the moduli in short."""
+"""What `aggregate` says on the screen: how much is there, and the tables in short."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
-from shear_sim.aggregate import POINT_TABLES
+from shear_sim.statistics import SMALLEST_BOOTSTRAP
 from shear_sim.variation import Variation, by_scene, short_name, variation
 
 if TYPE_CHECKING:
@@ -13,75 +14,194 @@ if TYPE_CHECKING:
 
 #: Tables with more points than this are shown by the ends of their curves.
 MOST_ROWS = 30
-_PLAIN_WIDTH = 200  # of a line where the output is no terminal: it is cut by nobody
+WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
+_PLAIN_WIDTH = 240  # of a line where the output is no terminal: it is cut by nobody
+#: Tables with a row per point, and what of them is shown.
 _SHOWN = {
-    "moduli": {"storage_modulus": "G′", "loss_modulus": "G″"},
+    "curves": {"storage_modulus": "G′", "loss_modulus": "G″"},
     "steady": {"shear_stress": "τ", "viscosity": "η"},
     "compression": {"final_packing_fraction": "φ"},
     "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
 }
+#: Of features and contrasts: (landmark, quantity) and heading.
+_LANDMARKS = {
+    ("low_strain_plateau", "storage_modulus"): "plateau G′",
+    ("softening", "strain"): "softening",
+    ("soft_plateau", "storage_modulus"): "soft plateau G′",
+    ("yield", "strain"): "yield",
+    ("yield", "total_stress"): "yield stress",
+}
+_SIGNIFICANT = 0.05
+
+InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows
 
 
 def print_summary(tables: "Mapping[str, pd.DataFrame]", console: "Console | None" = None) -> None:
     """Print the tables of `shear_sim.aggregate.aggregate` in short.
 
-    One line per point, or, where there are many, the two ends of each curve. Rules on a terminal,
-    plain columns elsewhere.
+    One line per point, or, where there are many, the two ends of each curve; one per curve with
+    landmarks; one per comparison. Rules on a terminal, plain columns elsewhere.
     """
     from rich.console import Console
 
     console = console or Console()
     if not console.is_terminal:
         console = Console(file=console.file, width=_PLAIN_WIDTH, color_system=None, soft_wrap=True)
-    for name, _ in POINT_TABLES.values():
-        if name in tables:
-            console.print(_grid(tables[name], name, plain=not console.is_terminal))
-    for line in _notes(tables):
+    for title, headings, rows in in_short(tables):
+        console.print(_grid(title, headings, rows, plain=not console.is_terminal))
+    for line in notes(tables):
         console.print(line, highlight=False)
 
 
-def _grid(points: "pd.DataFrame", name: str, *, plain: bool) -> Any:
-    """Return the table to print."""
+def in_short(tables: "Mapping[str, pd.DataFrame]") -> list[InShort]:
+    """Return what a reader wants first of the tables: title, headings and rows of each.
+
+    Columns that are empty throughout are left out.
+    """
+    found = [_points(tables[name], name) for name in _SHOWN if name in tables]
+    if len(tables.get("features", ())):
+        found.append(_features(tables["features"], tables["curves"]))
+    if len(tables.get("contrasts", ())):
+        found.append(_contrasts(tables["contrasts"]))
+    shown = []
+    for title, headings, rows in found:
+        if rows:
+            used = [any(column) for column in zip(*rows, strict=True)]
+            kept = [list(compress(row, used)) for row in rows]
+            shown.append((title, list(compress(headings, used)), kept))
+    return shown
+
+
+def _grid(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, plain: bool
+) -> Any:
+    """Return a table to print."""
     from rich import box
     from rich.table import Table
 
-    plan = variation(points)
-    table = by_scene(points)
-    quantities = _SHOWN[name]
-    axes = [key for key in (plan.colour, plan.x) if key is not None]
-    scenes = ["scene"] if table["scene"].nunique() > 1 else []
-    headings = [*scenes, *[short_name(key) for key in axes], "runs"]
-    if plan.branches:
-        headings.insert(len(scenes), "with")
-    headings += [
-        f"{symbol} [{points.attrs['units'][f'{q}_mean']}]" for q, symbol in quantities.items()
-    ]
-    level = float(points["ci_level"].iloc[0])
     grid = Table(
-        title=f"mean [{level:.0%} interval] over replicates",
+        title=title,
         title_justify="left",
         title_style="",
         box=None if plain else box.SIMPLE_HEAD,
         pad_edge=False,
     )
     for heading in headings:
-        text = heading in {"scene", "with"}
-        grid.add_column(heading, justify="left" if text else "right", no_wrap=not text)
+        words = heading in WORDS
+        grid.add_column(heading, justify="left" if words else "right", no_wrap=not words)
+    for row in rows:
+        grid.add_row(*row)
+    return grid
+
+
+def _points(points: "pd.DataFrame", name: str) -> InShort:
+    """Return what is shown of a table with a row per point: title, headings, rows."""
+    plan = variation(points)
+    table = by_scene(points)
+    quantities = _SHOWN[name]
+    axes = [key for key in (plan.colour, plan.x) if key is not None]
+    units = points.attrs["units"]
+    headings = ["scene", "with", *[short_name(key) for key in axes], "runs"]
+    headings += [f"{symbol} [{units[f'{q}_mean']}]" for q, symbol in quantities.items()]
+    level = float(points["ci_level"].iloc[0])
     table["_with"] = [_difference(row, plan) for _, row in table.iterrows()]
     curve = ["scene", "_with", *([plan.colour] if plan.colour else [])]
     curves = [lines for _, lines in table.groupby(curve, sort=False, dropna=False)]
     # The curves at the reference first, in the order of the scenes; then key by key.
     curves.sort(key=lambda lines: _rank(lines.iloc[0], plan))
+    rows = []
     for lines in curves:
         shown = lines.sort_values(plan.x) if plan.x else lines
         if len(table) > MOST_ROWS and len(shown) > 2:
             shown = shown.iloc[[0, -1]]
         for _, row in shown.iterrows():
-            cells = [str(row[key]) for key in [*scenes, *(["_with"] if plan.branches else [])]]
-            cells += [_value(row[key]) for key in axes]
-            cells.append(f"{row['replicates']} of {row['planned']}")
-            grid.add_row(*cells, *[_estimate(row, quantity) for quantity in quantities])
-    return grid
+            rows.append(
+                [
+                    *_scene(row, table),
+                    row["_with"],
+                    *[_value(row[key]) for key in axes],
+                    f"{row['replicates']} of {row['planned']}",
+                    *[_estimate(row, f"{quantity}_mean", quantity) for quantity in quantities],
+                ]
+            )
+    return f"mean response [{level:.0%} interval over replicates]", headings, rows
+
+
+def _scene(row: Any, table: "pd.DataFrame") -> list[str]:
+    return [str(row["scene"]) if table["scene"].nunique() > 1 else ""]
+
+
+def _features(features: "pd.DataFrame", curves: "pd.DataFrame") -> InShort:
+    """Return what is shown of the landmarks: a line per curve."""
+    plan = variation(curves)
+    table = by_scene(features)
+    table["_with"] = [_difference(row, plan) for _, row in table.iterrows()]
+    axes = [plan.colour] if plan.colour is not None else []
+    units = features.attrs["units"]
+    headings = ["scene", "with", *[short_name(key) for key in axes], "runs"]
+    headings += [
+        heading if units[quantity] == "1" else f"{heading} [{units[quantity]}]"
+        for (_, quantity), heading in _LANDMARKS.items()
+    ]
+    of_curves = [lines for _, lines in table.groupby(["scene", "curve"], sort=False)]
+    of_curves.sort(key=lambda lines: _rank(lines.iloc[0], plan))
+    rows = []
+    for lines in of_curves:
+        first, found = lines.iloc[0], lines.set_index("landmark")
+        rows.append(
+            [
+                *_scene(first, table),
+                first["_with"],
+                *[_value(first[key]) for key in axes],
+                f"{first['replicates']} of {first['planned']}",
+                *[_landmark(found.loc[name], quantity) for name, quantity in _LANDMARKS],
+            ]
+        )
+    return "landmarks of the curves", headings, rows
+
+
+def _landmark(row: Any, quantity: str) -> str:
+    """Return an estimate, or on which side of the amplitudes it lies."""
+    if row["censored"] in {"above", "below"} and quantity == "strain":
+        return f"{'>' if row['censored'] == 'above' else '<'} {_value(row['strain_limit'])}"
+    return _estimate(row, quantity, quantity)
+
+
+def _contrasts(contrasts: "pd.DataFrame") -> InShort:
+    """Return what is shown of the contrasts: a line per comparison, of landmarks alone."""
+    table = contrasts[contrasts["landmark"] != ""]
+    keys = [str(key) for key in contrasts if "." in str(key)]
+    headings = ["what", "of", "with", *_LANDMARKS.values()]
+    rows = []
+    groups = table.groupby(["parameter", "scene", "against", "effect"], sort=False, observed=True)
+    for _, group in groups:
+        parameter, scene, effect = (
+            str(group[name].iloc[0]) for name in ("parameter", "scene", "effect")
+        )
+        held = [key for key in keys if group[key].nunique(dropna=False) > 1]
+        for _, lines in group.groupby(["values", *held], sort=False, dropna=False):
+            first = lines.iloc[0]
+            found = {(row["landmark"], row["quantity"]): row for _, row in lines.iterrows()}
+            what = f"{effect} in {short_name(parameter)} ({first['values']})"
+            if effect == "ratio":
+                what = " / ".join(first["values"].split("; "))
+            rows.append(
+                [
+                    what,
+                    "" if parameter == "scene" else scene,
+                    ", ".join(f"{short_name(key)} {_value(first[key])}" for key in held),
+                    *[_effect(found.get(key)) for key in _LANDMARKS],
+                ]
+            )
+    title = f"contrasts of landmarks (* p < {_SIGNIFICANT:g} after Holm's correction)"
+    return title, headings, rows
+
+
+def _effect(row: Any) -> str:
+    if row is None or math.isnan(row["estimate"]):
+        return "-"
+    star = "*" if row["p_holm"] < _SIGNIFICANT else " "
+    return _estimate(row, "estimate", "") + star
 
 
 def _differences(row: Any, plan: Variation) -> list[str]:
@@ -109,9 +229,10 @@ def _value(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _estimate(row: Any, quantity: str) -> str:
-    """Return ``mean [low, high]``."""
-    mean, low, high = (float(row[f"{quantity}_{part}"]) for part in ("mean", "ci_low", "ci_high"))
+def _estimate(row: Any, value: str, quantity: str) -> str:
+    """Return ``mean [low, high]``; the bounds are in columns that begin with ``quantity``."""
+    mean = float(row[value])
+    low, high = (float(row[f"{quantity}_{end}".strip("_")]) for end in ("ci_low", "ci_high"))
     if math.isnan(mean):
         return "-"
     if math.isnan(low):
@@ -126,9 +247,9 @@ def _three_digits(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
+def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     """Return what a reader of the numbers must know."""
-    found = [tables[name] for name, _ in POINT_TABLES.values() if name in tables]
+    found = [tables[name] for name in _SHOWN if name in tables]
     done, planned, failed, flagged = (
         sum(int(points[name].sum()) for points in found)
         for name in ("replicates", "planned", "failed", "flagged")
@@ -137,16 +258,38 @@ def _notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     lines = [f"{done:,} of {planned:,} runs"]
     if done < planned:
         lines[0] = f"PARTIAL STUDY: {lines[0]} ({failed:,} failed, {missing:,} not yet run)"
+    about = tables["runs"].attrs
+    if about.get("program", "shear-sim") != "shear-sim":
+        lines.append(
+            f"imported from {about['program']}; G′ and G″ are of the {about['tensor']} tensor"
+        )
     if flagged:
-        lines.append(f"{flagged:,} runs are flagged (column flagged of tables/runs); they count in")
+        flags = tables["runs"]["flags"].str.split("; ").explode()
+        named = [f"{name} {count:,}" for name, count in flags[flags != ""].value_counts().items()]
+        lines.append(
+            f"{flagged:,} runs are flagged ({', '.join(named) or 'no result'}; columns flags and "
+            "flagged of tables/runs); they count in"
+        )
+    features = tables.get("features")
+    if features is not None and len(features):
+        of = features[features["landmark"] == "low_strain_plateau"]
+        if steep := int(of["storage_modulus_ci_flag"].str.contains("no plateau").sum()):
+            lines.append(
+                f"{steep:,} of {len(of):,} curves soften before their second amplitude: their "
+                "plateau and softening are those of the smallest amplitude"
+            )
     if orphans := tables["runs"].attrs.get("orphans", 0):
         lines.append(f"{orphans:,} results are of jobs outside the plan; they are not counted")
-    few = sum(
-        int((points[f"{quantity}_ci_flag"].notna() & (points["replicates"] > 0)).sum())
-        for points in found
-        for quantity in list(_SHOWN["moduli"] | _SHOWN["steady"])[:4]
-        if f"{quantity}_ci_flag" in points
+    weak = sum(
+        int(((points[f"{quantity}_ci_flag"] != "") & (points["n"] > 0)).sum())
+        for name, points in zip([name for name in _SHOWN if name in tables], found, strict=True)
+        for quantity in _SHOWN[name]
     )
-    if few:
-        lines.append(f"{few:,} intervals are weak (columns ..._ci_flag), most by few replicates")
+    if weak:
+        few = (
+            f", most for fewer than {SMALLEST_BOOTSTRAP} replicates"
+            if any((points["n"] < SMALLEST_BOOTSTRAP).any() for points in found)
+            else ""
+        )
+        lines.append(f"{weak:,} intervals of means are weak (columns ..._ci_flag){few}")
     return lines

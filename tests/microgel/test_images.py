@@ -35,7 +35,7 @@ def test_no_contact_is_ever_missed(rate, cut):
     simulation = prepared(
         packing_point(
             discs=24, links=Links(cut=cut), cell=Cell(width=400e-6, height=500e-6), friction=0.2,
-            shear=steady(4.0, rate=rate),
+            shear=steady(4.0, rate=rate), steps_per_period=200,
         )
     )  # fmt: skip
     simulation.advance(1)

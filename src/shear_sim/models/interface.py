@@ -76,9 +76,9 @@ class Prepared(Protocol):
         scheme : str, optional
             Integrator; default: the point's own.
         factor : Fraction
-            Steps per period, relative to the point's own; where the model shortens steps by itself,
-            its limits are divided by it too. Records stay at the same times; where there are fewer
-            steps than records, every step is recorded.
+            Steps per period, relative to the point's own. Where the model shortens steps by itself,
+            its limits are divided by it too, but are never longer than by default. Records stay at
+            the same times; where there are fewer steps than records, every step is recorded.
         displacement : float
             Particles start so far from the prepared state, each in its own (always the same)
             direction [mean radii].
@@ -139,7 +139,7 @@ class Model(Protocol):
     COLUMNS: Sequence[Column]  # stored
     DERIVED: Sequence[Column]  # computed on reading
     #: What the summary of a run holds beside the rheology: for the tables, each with its dotted key
-    #: there. Those with a unit are summarised over replicates.
+    #: there. Those with a unit are averaged over replicates, but in oscillatory shear.
     MEASURED: Sequence[tuple[Column, str]]
 
     @staticmethod

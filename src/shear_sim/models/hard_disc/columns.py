@@ -29,7 +29,6 @@ DERIVED = (
 )
 MEASURED = (
     (Column("status", "", "flowing (to the end), jammed (certified) or arrested"), "status"),
-    (Column("stopped_early", "", "jammed or arrested before its end"), "flags.stopped_early"),
     *(
         (Column(name, "1", text), f"measured.{name}")
         for name, text in (

@@ -9,6 +9,7 @@ from shear_sim.cell import Floats, Ints, turns_of, wrap_count
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.state import (
     EX,
+    INSIDE,
     LANES,
     NEAR,
     NX,
@@ -279,12 +280,14 @@ def find_crossing(
         for q in range(pairs.i.shape[0]):
             i, j = pairs.i[q], pairs.j[q]
             table, lane = pairs.table[q // LANES], q % LANES
-            if (
+            across = (
                 work.wx[j] - work.wx[i] + table[NX + lane] != 0.0
                 or work.wy[j] - work.wy[i] + table[NY + lane] != 0.0
                 or discs.plate[i] != 0.0
                 or discs.plate[j] != 0.0
-            ):
+            )
+            table[INSIDE + lane] = 0.0 if across else 1.0
+            if across:
                 pairs.edge[count] = q
                 count += 1
         work.crossing[which] = count

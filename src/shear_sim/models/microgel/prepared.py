@@ -11,8 +11,9 @@ from shear_sim.models.microgel.simulation import (
     kernels_of,
     make_clock,
     make_start,
+    refined,
 )
-from shear_sim.models.microgel.state import STEADY, Clock, Constants, Discs, Pairs
+from shear_sim.models.microgel.state import STEADY, Clock, Discs, Pairs
 from shear_sim.streams import Streams
 
 State = TypeVar("State", Discs, Pairs)
@@ -85,8 +86,8 @@ class PreparedMicrogel:
                 position[free] += displacement * self.mean_radius * direction[free]
         return MicrogelSimulation(
             point, kernels_of(point), discs, links, contacts,
-            _refined(self._start.constants, factor), clock,
-            self._start.preparation,
+            refined(self._start.constants, max(1.0, self.point.refinement * float(factor))),
+            clock, self._start.preparation,
         )  # fmt: skip
 
     def distance(self, one: MicrogelSimulation, other: MicrogelSimulation) -> float:
@@ -119,13 +120,6 @@ def energy_residual(columns: dict[str, Any]) -> float:
 
 def _copied(state: State) -> State:
     return type(state)(*(array.copy() for array in state))  # type: ignore[arg-type]
-
-
-def _refined(constants: Constants, factor: Fraction) -> Constants:
-    """Return the constants with the longest substeps divided by ``factor``."""
-    limits = ("step_stiffness", "step_rolling", "step_dashpot", "step_strain")
-    shorter = {name: getattr(constants, name) / float(factor) for name in limits}
-    return constants._replace(**shorter)
 
 
 def _scaled(clock: Clock, factor: Fraction, period: float) -> Clock:

@@ -203,13 +203,14 @@ def make_constants(
     link = springs(model.links.normal_factor, model.links.tangential_factor)
     p = laws.law_parameters(model.contact_law)
     damping = -math.log(model.damping.decay) / period
-    # Longest substeps, for six contacts on the lightest discs: springs vibrate at up to
-    # √(2 k/m) (one contact), rolling at √(24 k_T/m) as r²/I = 2/m; predicted velocities are stable
-    # while h times the rate of the dashpots, up to 8 η/m and 20 η_T/m, is below 1.
-    light = discs.mass.min()
-    vibration = math.sqrt(2 * max(contact[0], link[0]) / light)
-    rolling = math.sqrt(24 * max(contact[1], link[1]) / light)
-    dashpots = max(8 * max(contact[2], link[2]), 20 * max(contact[3], link[3])) / light
+    # The fastest vibrations, of six contacts on the lightest discs: in a crystal ω² = 6 k/m and
+    # γ = 6 η/m + 2 η_T/m; as r²/I = 2/m, rolling has 24 k_T/m and 24 η_T/m. In a mixture half of
+    # each is due to neighbours, which are heavier. Nominal arms do not shorten as contacts get
+    # more numerous: nine of them at a packing fraction of 2.
+    k_n, k_t, eta_n, eta_t = (max(both) for both in zip(contact, link, strict=True))
+    light = float(discs.mass.min())
+    six = 3 * (1 + float(np.sqrt(light / discs.mass).mean())) / light
+    rolling = (6 if model.lever_arms == "otsuki2017" else 4) * six
     return Constants(
         width=float(width),
         height=float(height),
@@ -228,11 +229,23 @@ def make_constants(
         spin_target=0.5 if model.damping.spin == "zero" else 0.0,
         affine=model.drive == "affine",
         skin=SKIN * float(discs.radius.mean()),
-        step_stiffness=0.8 / vibration,
-        step_rolling=1.2 / rolling if rolling else math.inf,
-        step_dashpot=0.8 / dashpots if dashpots else math.inf,
+        step_normal=2 / math.sqrt(six * k_n),
+        step_normal_dashpot=_inverse(six * (eta_n + eta_t / 3)),
+        step_rolling=2 * _inverse(math.sqrt(rolling * k_t)),
+        step_rolling_dashpot=_inverse(rolling * eta_t),
+        step_approach=0.2,
         step_strain=0.03,
     )  # fmt: skip
+
+
+def refined(constants: Constants, factor: float) -> Constants:
+    """Return the constants with the longest substeps divided by ``factor``."""
+    limits = [name for name in Constants._fields if name.startswith("step_")]
+    return constants._replace(**{name: getattr(constants, name) / factor for name in limits})
+
+
+def _inverse(rate: float) -> float:
+    return 1 / rate if rate else math.inf
 
 
 def make_clock(shear: Shear, period: float, steps: int, every: int) -> Clock:
@@ -309,17 +322,36 @@ class MicrogelSimulation:
 
     def _diagnosis(self, status: int) -> str:
         time, strain = self._table[self.done - 1, :2]
+        when = f"at t = {time:g} s (strain {strain:.4g})"
         if status == TOO_STIFF:
-            return (
-                f"a step at t = {time:g} s (strain {strain:.4g}) needs more than {MOST_PIECES} "
-                "pieces: raise integrator.steps_per_period, or lower model.relative_viscosity"
-            )
+            return self._too_stiff(when)
         limit = 500.0 * self.constants.width
         bad = np.flatnonzero(~(np.abs(self.discs.x) + np.abs(self.discs.y) < limit))
         what = f"disc {bad[0]} was shot away" if len(bad) else "a stress is no longer finite"
+        return f"{what} {when}: raise integrator.steps_per_period = {self.clock.per_period}"
+
+    def _too_stiff(self, when: str) -> str:
+        """Say what needs substeps that are too short, and what to do."""
+        c, d, pairs, clock = self.constants, self.discs, self.pairs, self.clock
+        size = 2 * float(d.radius.mean())
+        longest = self.kernels.substep(c, self.work, size, motion.peak_rate(clock, clock.kind))
+        need = (
+            f"substeps of at most {longest:.3g} s {when}, shorter than 1/{MOST_PIECES} of a whole "
+            f"step ({clock.step:.3g} s)"
+        )
+        stretched = self.work.closest[1] ** 2
+        if min(c.step_normal_dashpot, c.step_rolling_dashpot / stretched) < 2 * longest:
+            return f"the dashpots need {need}: lower model.relative_viscosity"
+        dx, dy = d.x[pairs.j] - d.x[pairs.i], d.y[pairs.j] - d.y[pairs.i]
+        strain = self._table[self.done - 1, 1]
+        offset = strain * c.height - self.work.turns[0] * c.width
+        distance = np.hypot(
+            dx + pairs.nx * c.width + pairs.ny * offset, dy + pairs.ny * c.height
+        ) / (d.radius[pairs.i] + d.radius[pairs.j])
+        q = int(np.argmin(distance))
         return (
-            f"{what} at t = {time:g} s (strain {strain:.4g}): raise "
-            f"integrator.steps_per_period = {self.clock.per_period}"
+            f"discs {pairs.i[q]} and {pairs.j[q]}, at {distance[q]:.3g} of their contact distance, "
+            f"need {need}: a less steep model.contact_law, or less strain"
         )
 
     def columns(self) -> Columns:
@@ -410,8 +442,8 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     start = make_start(point, streams)
     clock = make_clock(point.shear, start.period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(
-        point, kernels_of(point), start.discs, start.links, start.contacts, start.constants, clock,
-        start.preparation,
+        point, kernels_of(point), start.discs, start.links, start.contacts,
+        refined(start.constants, point.refinement), clock, start.preparation,
     )  # fmt: skip
 
 
@@ -491,9 +523,8 @@ def _relax(
     unit = force_unit(constants, discs)
     # What only moving discs feel stays out of it: scenes that differ there share their packings.
     at_rest = constants._replace(
-        step_stiffness=0.8 * math.sqrt(discs.mass.min() / (2 * constants.k)),
-        step_rolling=math.inf,
-        step_dashpot=math.inf,
+        step_normal=3 * math.sqrt(discs.mass.min() / (6 * constants.k)),  # energy may err
+        step_normal_dashpot=math.inf,
     )
     linear = at_rest._replace(law=(0.0, *constants.law[1:]))
     work, contacts, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0

@@ -70,7 +70,7 @@ class Work(NamedTuple):
     near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
     crossing: Ints  # (2,) numbers of links and contacts across an edge; −1: to be counted anew
     block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
-    closest: Floats  # (3,) smallest d/D, largest d/D of a link, largest −d'/d of contacts
+    closest: Floats  # (3,) smallest d/D, largest d/D of a link, largest |d'|/d of contacts
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
     stored: Floats  # (1,) elastic energy [J/m]
@@ -110,9 +110,11 @@ class PairState(NamedTuple):
 LANES = 64  # pairs in a block
 #: Columns of Pairs.table: image of j, D = r_i + r_j [m] and its inverse; unit vector from i to j
 #: and distance [m] at the last force evaluation; tangential elongation ξ [m], and the second one
-#: of the historical rule; OPEN, STICK or SLIDE.
-NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE = range(0, 10 * LANES, LANES)
-PAIR_ROWS = 10
+#: of the historical rule; OPEN, STICK or SLIDE; 1 for a pair inside the cell (Work.crossing).
+(
+    NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE, INSIDE,
+) = range(0, 11 * LANES, LANES)  # fmt: skip
+PAIR_ROWS = 11
 BLOCK_ROWS = 17
 NEAR = 4  # distances by which listed contacts are told apart
 
@@ -176,9 +178,11 @@ class Constants(NamedTuple):
     spin_target: float  # s₀ / γ̇: 0 or 1/2
     affine: bool  # SLLOD, or driven at the edges alone
     skin: float  # [m]
-    step_stiffness: float  # longest substep × √(stiffness / mass) at d = D [s]
-    step_rolling: float  # that the rolling of six contacts at d = D allows [s]
-    step_dashpot: float  # that their dashpots allow [s]
+    step_normal: float  # 2/ω of vibrations of six contacts at d = D [s]
+    step_normal_dashpot: float  # 1/γ of their dashpots [s]
+    step_rolling: float  # 2/ω of their rolling [s]
+    step_rolling_dashpot: float  # 1/γ of it [s]
+    step_approach: float  # largest relative change of the length of a contact in a substep [-]
     step_strain: float  # longest substep in strain [-]
 
 

@@ -1,0 +1,21 @@
+"""Draw strain and stress of any one run against time, and one against the other.
+
+.venv/bin/python analysis/fig_run.py results/main/jobs/3f9c21d07be4a815.parquet run
+"""
+
+import sys
+from pathlib import Path
+
+from shear_sim.figures import example_run, style
+from shear_sim.results import read_job
+
+
+def main(job_file: str, stem: str) -> None:
+    columns, summary = read_job(Path(job_file))
+    moduli = summary.get("moduli", {}).get("periodic")
+    title = f"job {summary['job']['id']}, replicate {summary['job']['replicate']}"
+    print(*style.save(example_run(columns, summary["protocol"], moduli, title), Path(stem)))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,99 @@
+"""Substeps: how long a step may be before it has to be cut."""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import finish, packing_point, prepared, scene
+
+from shear_sim.models.microgel.parameters import Integrator, Links, Microgel, MicrogelPoint
+from shear_sim.models.microgel.simulation import kernels_for, laws, prepare
+from shear_sim.packing import Packing
+from shear_sim.protocol import OscillatoryShear
+from shear_sim.streams import Streams
+
+STABLE = kernels_for(laws.divergent, True).stable
+
+
+def ringing(step, omega, gamma):
+    """Return how far two linked discs are from rest after 4000 steps, of 1e-6 at the beginning."""
+    x = np.array([(100.0, 100.0), (102.0 + 1e-6, 100.0)])
+    s = scene(
+        x, 1.0, links=[(0, 1)], k=0.5 * omega**2, eta=0.5 * gamma, step=step, steps=4000,
+    )  # fmt: skip
+    s.advance(s.rows)
+    return abs(s.discs.x[1] - s.discs.x[0] - 2.0)
+
+
+@pytest.mark.parametrize(("omega", "gamma"), [(2.0, 0.0), (2.0, 0.1), (1.0, 1.0), (0.3, 3.0)])
+def test_where_a_step_becomes_unstable(omega, gamma):
+    """(h ω)²/4 + h γ = 1: an error decays on this side of it (or stays) and grows on the other."""
+    inverse = gamma / 2
+    limit = 1 / (inverse + math.sqrt(inverse**2 + omega**2 / 4))
+    assert (limit * omega) ** 2 / 4 + limit * gamma == pytest.approx(1)
+    assert ringing(0.98 * limit, omega, gamma) < 1e-5
+    assert ringing(1.02 * limit, omega, gamma) > 1e-4
+    assert STABLE(2 / omega, 1 / gamma if gamma else math.inf) == pytest.approx(limit)
+
+
+@pytest.mark.parametrize("viscosity", [0.0, 0.1, 0.16, 0.18, 0.2, 0.4, 0.8])
+def test_rolling_of_a_crystal_is_stable(viscosity):
+    """All discs turn at once against six neighbours that hardly overlap: ω² = 24 k_T/m.
+
+    Springs and dashpots that were judged one by one let spins grow here, at 0.18, 0.2 and 0.4.
+    """
+    point = MicrogelPoint(
+        packing=Packing(
+            start="hexagonal", discs=64, columns=8, packing_fraction=0.91, size_ratio=1
+        ),
+        model=Microgel(links=Links(cut="bulk"), relative_viscosity=viscosity),
+        shear=OscillatoryShear(strain_amplitude=1e-9, pre_periods=2, periods=1, post_periods=0),
+    )  # fmt: skip
+    s = prepare(point, Streams(0, 0))
+    s.discs.spin[:] = 1e-6 / s.clock.step * np.random.default_rng(0).normal(size=64)
+    before = (s.discs.spin**2).sum()
+    s.advance(200)
+    assert (s.discs.spin**2).sum() < before
+
+
+def test_rolling_with_nominal_arms_is_stable_at_any_packing_fraction():
+    """There contacts get more numerous and arms do not get shorter."""
+    shear = OscillatoryShear(strain_amplitude=0.01, pre_periods=0, periods=1, post_periods=0)
+    spin = []
+    for steps in (None, 800):
+        point = packing_point(
+            discs=100, links=Links(cut="bulk"), packing={"packing_fraction": 2.0}, shear=shear,
+            lever_arms="otsuki2017", steps_per_period=steps,
+        )  # fmt: skip
+        s = prepared(point)
+        finish(s)
+        spin.append(np.sqrt((s.discs.spin**2).mean()))
+    assert spin[0] == pytest.approx(spin[1], rel=0.01)
+
+
+def substeps(steps, **model):
+    shear = OscillatoryShear(strain_amplitude=0.01, pre_periods=0, periods=1, post_periods=0)
+    s = prepared(
+        packing_point(links=Links(cut="bulk"), shear=shear, steps_per_period=steps, **model)
+    )
+    finish(s)
+    return s.substeps / s.steps
+
+
+def test_more_steps_make_finer_substeps_and_fewer_do_not_make_coarser_ones():
+    """Default 100, n times as many: the longest substep n times shorter. 50: as by default."""
+    assert MicrogelPoint().steps_per_period == 100
+    assert MicrogelPoint(integrator=Integrator(steps_per_period=50)).refinement == 1
+    assert MicrogelPoint(integrator=Integrator(steps_per_period=300)).refinement == 3
+    default = substeps(None, relative_viscosity=0.5)
+    assert default > 1
+    assert substeps(200, relative_viscosity=0.5) == default
+    assert substeps(800, relative_viscosity=0.5) == default
+    assert substeps(50, relative_viscosity=0.5) == 2 * default
+
+
+@pytest.mark.parametrize(("frequency", "steps"), [(1, 100), (0.025, 100), (0.001, 2500)])
+def test_default_steps_are_as_short_as_the_period_or_the_discs_need(frequency, steps):
+    point = MicrogelPoint(shear=OscillatoryShear(relative_frequency=frequency))
+    assert point.steps_per_period == steps
+    assert point.refinement == 1

@@ -25,6 +25,7 @@ COLUMNS = (
     Column("strain", "1", "imposed strain"),
     Column("periodic_overall_xy", "Pa", "stress, compression positive"),
 )
+MEASURED = ()
 DERIVED = (Column("shear_stress", "Pa", "-periodic_overall_xy"),)
 STEPS_PER_PERIOD = 200
 

@@ -15,8 +15,9 @@ from scipy import stats
 
 from shear_sim import aggregate as module
 from shear_sim.aggregate import aggregate, load, make_tables
-from shear_sim.aggregate.curves import steady_table
+from shear_sim.aggregate.curves import STEADY_QUANTITIES, means_table
 from shear_sim.aggregate.runs import Waves, runs_table
+from shear_sim.models.interface import Column
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
@@ -328,9 +329,52 @@ def test_steady_shear_has_its_own_table():
     runs = runs_table(planned, index.to_pandas(), [], Waves(index, "periodic"))
     assert runs["viscosity"].tolist() == [5.0, 7.0]
     assert not runs["flagged"].any()
-    points = steady_table(planned, runs, [], seed=1)
+    points = means_table(planned, runs, [], STEADY_QUANTITIES, seed=1)
     assert points.loc[0, "viscosity_mean"] == 6.0
     assert points.attrs["units"]["viscosity_mean"] == "Pa s"
+
+
+def test_what_a_model_measures_is_averaged_over_the_runs_that_have_it():
+    """Three compressions, one of which was arrested: it has a density, but no rattlers."""
+    planned = pd.DataFrame(
+        {
+            "job": ["a", "b", "c"],
+            "point": ["1" * 16] * 3,
+            "curve": ["2" * 16] * 3,
+            "replicate": [0, 1, 2],
+            "scene": pd.Categorical([""] * 3),
+            "block": [""] * 3,
+        }
+    )
+    index = pa.table(
+        {
+            "job": ["a", "b", "c"],
+            "status": ["jammed", "arrested", "jammed"],
+            "measured.density": [0.82, 0.83, 0.84],
+            "measured.rattlers": [0.01, None, 0.04],
+            "flags.stopped_early": [False, True, False],
+        }
+    )
+    density, rattlers = Column("density", "1", "of discs"), Column("rattlers", "1", "of them")
+    measured = [
+        (Column("status", "", "how it ended"), "status"),
+        (density, "measured.density"),
+        (rattlers, "measured.rattlers"),
+    ]
+    waves = Waves(index, "periodic")
+    runs = runs_table(planned, index.to_pandas(), [], waves, measured=measured)
+    assert runs["status"].tolist() == ["jammed", "arrested", "jammed"]
+    assert runs["flags"].tolist() == ["", "stopped_early", ""]
+    assert runs["flagged"].tolist() == [False, True, False]
+    row = means_table(planned, runs, [], [density, rattlers], seed=1).loc[0]
+    assert (row["replicates"], row["n"], row["flagged"]) == (3, 3, 1)
+    assert row["density_mean"] == pytest.approx(0.83, rel=1e-14)
+    assert row["density_ci_flag"] == "fewer than 10 replicates"
+    alone = means_table(planned, runs[runs["job"] != "b"], [], [rattlers], seed=1).loc[0]
+    assert row["rattlers_mean"] == pytest.approx(0.025, rel=1e-14)
+    for bound in ("low", "high"):
+        assert row[f"rattlers_ci_{bound}"] == alone[f"rattlers_ci_{bound}"]
+    assert row["rattlers_ci_flag"] == "only 2 of 3 runs have a value; fewer than 10 replicates"
 
 
 def test_cycles_and_harmonics_have_a_row_each(tables, whole):

@@ -681,7 +681,8 @@ def test_reading_a_study_is_light():
 
 
 @pytest.mark.parametrize(
-    ("name", "least", "most"), [("quick", 20, 60), ("main", 1500, 1800), ("full", 20_000, 30_000)]
+    ("name", "least", "most"),
+    [("quick", 20, 60), ("main", 1500, 1800), ("full", 20_000, 30_000), ("hard_disc", 40, 60)],
 )
 def test_configs_load_and_have_their_size(name, least, most):
     it = load_study(CONFIGS / f"{name}.yaml")
@@ -692,7 +693,7 @@ def test_configs_load_and_have_their_size(name, least, most):
 
 
 def test_every_config_file_is_tested():
-    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {"quick", "main", "full"}
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {"quick", "main", "full", "hard_disc"}
 
 
 def test_the_main_study_is_the_published_one_in_small():

@@ -89,7 +89,9 @@ def find_pairs(
                     if count == capacity:
                         capacity *= 2
                         larger = np.empty((4, capacity), np.int32)
-                        larger[:, :count] = found[:, :count]
+                        for q in range(4):  # a slice takes seconds to compile
+                            for old in range(count):
+                                larger[q, old] = found[q, old]
                         found = larger
                     if a < b:
                         found[0, count], found[1, count] = a, b

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shear_sim.aggregate import aggregate
-from shear_sim.aggregate.columns import LANDMARKS
+from shear_sim.aggregate.columns import LANDMARKS, POINT_TABLES
 from shear_sim.figures import CAPTIONS, style
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.rheology import HARMONICS, LIMITS
@@ -173,7 +173,10 @@ def _quality(
         f"{name.replace('_', ' ')} {'at most' if low == 0 else f'{low:g} to'} {high:g}"
         for name, (low, high) in LIMITS.items()
     ]
-    yield f"<p>A run is flagged unless it begins at rest, with {escape('; '.join(ranges))}.</p>"
+    yield (
+        "<p>A run is flagged unless it begins at rest and comes to its end, with "
+        f"{escape('; '.join(ranges))}.</p>"
+    )
     runs = tables["runs"]
     flagged = runs[runs["flagged"]]
     if len(flagged):
@@ -222,7 +225,12 @@ def _methods(tables: "Mapping[str, pd.DataFrame]") -> Iterator[str]:
             "<p>Shear stress and viscosity in steady shear are means over the late half of the "
             "strain.</p>"
         )
-    points = next(tables[name] for name in ("curves", "steady") if name in tables)
+    if {"compression", "self_propelled"} & tables.keys():
+        yield (
+            "<p>Quantities in compression and of discs that propel themselves are means over "
+            "replicates of what the model measures in each run.</p>"
+        )
+    points = next(tables[name] for name in POINT_TABLES.values() if name in tables)
     level, resamples, seed = (
         points[f"ci_{what}"].iloc[0] for what in ("level", "resamples", "seed")
     )
@@ -266,7 +274,7 @@ def _methods(tables: "Mapping[str, pd.DataFrame]") -> Iterator[str]:
 def _study(
     results: Results, tables: "Mapping[str, pd.DataFrame]", made: "pd.DataFrame"
 ) -> Iterator[str]:
-    points = [tables[name] for name in ("curves", "steady") if name in tables]
+    points = [tables[name] for name in POINT_TABLES.values() if name in tables]
     rows: list[list[Any]] = []
     varied: dict[str, list[str]] = {}
     for table in points:

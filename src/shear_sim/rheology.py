@@ -30,6 +30,7 @@ TENSORS = {
     "internal": "shear_stress_internal",
     "external": "shear_stress_external",
 }
+WITHOUT_RHEOLOGY = ("compression", "self_propelled")  # kinds of protocol
 HARMONICS = 9
 #: Range outside which each quality of a run is flagged (closed). The first two are the limits of
 #: the authors of the method; a change or drift of a tenth is no stationary response.
@@ -258,8 +259,9 @@ def summarise(
     Parameters
     ----------
     columns : mapping of (R,) arrays
-        ``time`` [s] and the shear stresses [Pa] named in `TENSORS`, stored or derived; for steady
-        shear ``pressure`` [Pa] as well. Series that were not recorded give null.
+        ``time`` [s] and the shear stresses [Pa] named in `TENSORS`, stored or derived (all of them,
+        unless ``protocol["tensors"]`` says which there are); for steady shear ``pressure`` [Pa] as
+        well. Series that were not recorded give null.
     protocol : mapping
         The ``protocol`` block of the simulation's summary.
     tensor : str
@@ -278,7 +280,7 @@ def summarise(
         ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
         (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
         without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
-        (``"no_steady"``) holds the reason.
+        (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`: ``flags``, without any.
 
     Raises
     ------
@@ -287,12 +289,15 @@ def summarise(
     """
     if protocol["kind"] == "steady":
         return _summarise_steady(columns, protocol)
+    if protocol["kind"] in WITHOUT_RHEOLOGY:
+        return {"flags": {}}
     if protocol["kind"] != "oscillatory":
         msg = f"protocol kind {protocol['kind']!r} is neither 'oscillatory' nor 'steady'"
         raise ValueError(msg)
     found: dict[str, Moduli | None] = {}
     reason = None
-    for each, name in TENSORS.items():
+    for each in protocol.get("tensors", TENSORS):
+        name = TENSORS[each]
         found[each] = None
         if name not in columns:
             if each == tensor or each != "periodic":
@@ -314,7 +319,9 @@ def summarise(
         judged = {**columns, "shear_stress": columns[TENSORS[tensor]]}
     quality = {
         "baseline_noise": _baseline_noise(judged, protocol, found[tensor]),
-        "surface_internal_ratio": _surface_internal_ratio(found["internal"], found["external"]),
+        "surface_internal_ratio": _surface_internal_ratio(
+            found.get("internal"), found.get("external")
+        ),
         "cycle_change": _cycle_change(found[tensor]),
         "drift_ratio": _drift_ratio(found[tensor], protocol),
         **_jumps(judged, protocol),
@@ -466,10 +473,14 @@ def steady_shear(
     Raises
     ------
     ValueError
-        With fewer records than blocks, without a rate, or with a stress that is not finite.
+        With fewer records than blocks, without a rate, with records that end before the shear, or
+        with a stress that is not finite.
     """
     if strain_rate == 0.0:
         msg = "steady shear at strain_rate = 0 has no viscosity"
+        raise ValueError(msg)
+    if len(time) > 1 and shear_end - time[-1] > 2 * (time[-1] - time[-2]):
+        msg = f"the records end at {time[-1]:g} s, but the shear at {shear_end:g} s"
         raise ValueError(msg)
     # The instant that stops the shear is left out: its flow is already the rest's.
     late = (time >= 0.5 * (shear_start + shear_end)) & (time < shear_end)

@@ -20,6 +20,8 @@ _PLAIN_WIDTH = 240  # of a line where the output is no terminal: it is cut by no
 _SHOWN = {
     "curves": {"storage_modulus": "G′", "loss_modulus": "G″"},
     "steady": {"shear_stress": "τ", "viscosity": "η"},
+    "compression": {"final_packing_fraction": "φ"},
+    "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
 }
 #: Of features and contrasts: (landmark, quantity) and heading.
 _LANDMARKS = {

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shear_sim import models
-from shear_sim.aggregate.columns import TENSORS
+from shear_sim.aggregate.columns import POINT_TABLES, TENSORS
 from shear_sim.aggregate.contrasts import contrasts_table
-from shear_sim.aggregate.curves import curves_table, steady_table
+from shear_sim.aggregate.curves import STEADY_QUANTITIES, curves_table, means_table
 from shear_sim.aggregate.estimators import historical_table
 from shear_sim.aggregate.features import features_table, find_curves
 from shear_sim.aggregate.frame import describe_parameter, load, save
@@ -112,7 +112,7 @@ def make_tables(
     Returns
     -------
     dict of DataFrame
-        By the names in `columns`: those of an oscillatory study, ``steady`` of one in steady shear.
+        By the names in `columns`: those of an oscillatory study, or of the other kinds of shear.
         In ``attrs``: ``units`` and ``descriptions`` of the columns, ``study``, ``done`` and
         ``planned`` jobs, ``orphans`` (results of jobs outside the plan, not counted), ``tensor``,
         ``paired``, ``program`` (that made the runs).
@@ -139,11 +139,12 @@ def make_tables(
     parameters = [describe_parameter(points, key) for key in study["varied"]]
     planned = labelled(plan.to_pandas(), _scene_order(results.study_file))
     waves, facts = Waves(index, tensor), _without_lists(index)
-    runs = runs_table(planned, facts, parameters, waves, tensor)
+    measured = [item for kind in study["models"] for item in models.model(kind).MEASURED]
+    runs = runs_table(planned, facts, parameters, waves, tensor, measured)
     tables = {"runs": runs}
     kinds = _kinds_of_shear(planned, facts)
     failed = results.failures().keys()
-    oscillatory, steady = (planned[kinds == kind] for kind in ("oscillatory", "steady"))
+    oscillatory = planned[kinds == "oscillatory"]
     if len(oscillatory):
         curves = find_curves(oscillatory, runs, waves)
         tables["cycles"] = cycles_table(runs, waves)
@@ -153,8 +154,14 @@ def make_tables(
         )
         for name, table in (("features", features_table), ("contrasts", contrasts_table)):
             tables[name] = table(oscillatory, parameters, curves, paired=paired, seed=seed)
-    if len(steady):
-        tables["steady"] = steady_table(steady, runs, parameters, failed=failed, seed=seed)
+    numbers = tuple(column for column, _ in measured if column.unit)
+    for kind, name in POINT_TABLES.items():
+        of_kind = planned[kinds == kind]
+        if len(of_kind) and kind != "oscillatory":
+            quantities = (*STEADY_QUANTITIES, *numbers) if kind == "steady" else numbers
+            tables[name] = means_table(
+                of_kind, runs, parameters, quantities, failed=failed, seed=seed
+            )
     if historical:
         tables["historical"] = historical_table(results, runs)
     about = {

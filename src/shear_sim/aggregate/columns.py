@@ -1,22 +1,25 @@
 """What the tables of a study hold: one row per what, and every column with unit and meaning.
 
-=============  ===================================  ===========================================
-table          one row per                          joins by
-=============  ===================================  ===========================================
-``runs``       finished job of the plan             ``job``, ``point``, ``curve``
-``cycles``     whole period of a run                ``job``, ``point``
-``harmonics``  harmonic (1 to 9) of a run           ``job``, ``point``
-``historical`` run, tensor, historical estimator    ``job``, ``point``
-``curves``     point of the plan                    ``point``, ``curve``
-``features``   curve and landmark                   ``curve``
-``contrasts``  comparison of curves                 parameters
-``steady``     point of the plan, in steady shear   ``point``
-=============  ===================================  ===========================================
+==================  ===================================  ======================================
+table               one row per                          joins by
+==================  ===================================  ======================================
+``runs``            finished job of the plan             ``job``, ``point``, ``curve``
+``cycles``          whole period of a run                ``job``, ``point``
+``harmonics``       harmonic (1 to 9) of a run           ``job``, ``point``
+``historical``      run, tensor, historical estimator    ``job``, ``point``
+``curves``          point of the plan                    ``point``, ``curve``
+``features``        curve and landmark                   ``curve``
+``contrasts``       comparison of curves                 parameters
+``steady``          point of the plan, in steady shear   ``point``
+``compression``     point of the plan, in compression    ``point``
+``self_propelled``  point of the plan, self-propelled    ``point``
+==================  ===================================  ======================================
 
 A *point* is all replicates of one set of parameters, a *curve* all points that differ in the
 strain amplitude alone. Varied parameters are columns of ``runs``, ``curves``, ``features`` and
 ``contrasts`` under their dotted keys of the study file; no other column has a dot. ``scene`` is
-sorted as in the study file.
+sorted as in the study file. What a model measures by itself (`MEASURED` of
+`shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the last three.
 
 In ``curves`` everything is of the *mean response*: the harmonics of the runs are averaged over
 replicates first, and ratios such as tan δ and I3/I1 are formed after (see `response`). The mean of
@@ -25,6 +28,14 @@ sign averages out and whose size does not.
 """
 
 from shear_sim.models.interface import Column
+
+#: Kinds of shear, each with its table of a row per point.
+POINT_TABLES = {
+    "oscillatory": "curves",
+    "steady": "steady",
+    "compression": "compression",
+    "self_propelled": "self_propelled",
+}
 
 LABELS = (
     Column("point", "", "id of the point, the same for all its replicates"),
@@ -103,9 +114,11 @@ QUALITY = (
 FLAGS = (
     Column("no_moduli", "", "why something could not be fitted"),
     Column("no_steady", "", "why nothing could be averaged"),
-    Column("flags", "", "quality columns outside their limits, and not_at_rest"),
+    Column("flags", "", "quality columns outside their limits, not_at_rest, stopped_early"),
     Column("flagged", "", "has flags, or no result; counted in all the same"),
 )
+#: Flags that a model sets itself.
+MODEL_FLAGS = ("not_at_rest", "stopped_early")
 STEADY = (
     (Column("shear_stress", "Pa", "mean over the late half of the strain"), "steady.shear_stress"),
     (

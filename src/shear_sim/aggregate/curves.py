@@ -1,7 +1,7 @@
-"""Tables with a row per point: ``curves`` (oscillatory shear) and ``steady``, with intervals."""
+"""Tables with a row per point, with intervals: ``curves`` (oscillatory shear), and plain means."""
 
-import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,46 +56,48 @@ def curves_table(
         name if (name := f"{column.name}{tables.TENSORS[tensor]}") in moduli else column.name
         for column in tables.CURVE_QUANTITIES
     ]
+    usable, quantities = _groups(runs, np.isfinite(values[:, 0])), tables.CURVE_QUANTITIES
+    found = _intervals(
+        usable, values, facts, _values(runs, own), MAY_BE_LOGARITHMIC, curve_quantities, seed
+    )
+    estimates = [
+        {point: (usable[point], each[q]) for point, each in found.items()}
+        for q in range(len(quantities))
+    ]
     return _points_table(
-        planned,
-        runs,
-        parameters,
-        tables.CURVE_QUANTITIES,
-        own,
-        values,
-        facts,
-        MAY_BE_LOGARITHMIC,
-        curve_quantities,
-        failed=failed,
-        seed=seed,
+        planned, runs, parameters, quantities, own, estimates, failed=failed, seed=seed
     )
 
 
-def steady_table(
+def means_table(
     planned: "pd.DataFrame",
     runs: "pd.DataFrame",
     parameters: Sequence[Column],
+    quantities: Sequence[Column],
     *,
     failed: Collection[str] = (),
     seed: int,
 ) -> "pd.DataFrame":
-    """Return one row per point of the plan in steady shear: means over the runs, with intervals.
+    """Return one row per point of the plan: means over the runs, with intervals.
 
-    Parameters are those of `curves_table`.
+    Parameters
+    ----------
+    planned, runs, parameters, failed, seed
+        See `curves_table`.
+    quantities : sequence of Column
+        Columns of ``runs`` to average, each over the runs that have a value: one that jams has no
+        mean flow, and one that does not jam has no rattlers.
     """
-    own = [column.name for column in STEADY_QUANTITIES]
+    own = [column.name for column in quantities]
+    estimates = []
+    for value in _values(runs, own).T[:, :, None]:
+        usable = _groups(runs, np.isfinite(value[:, 0]))
+        found = _intervals(
+            usable, value, (), value, np.ones(1, dtype=bool), lambda means: means.values, seed
+        )
+        estimates.append({point: (usable[point], each[0]) for point, each in found.items()})
     return _points_table(
-        planned,
-        runs,
-        parameters,
-        STEADY_QUANTITIES,
-        own,
-        _values(runs, own),
-        (),
-        np.ones(len(own), dtype=bool),
-        lambda means: means.values,
-        failed=failed,
-        seed=seed,
+        planned, runs, parameters, quantities, own, estimates, failed=failed, seed=seed
     )
 
 
@@ -105,26 +107,26 @@ def _points_table(
     parameters: Sequence[Column],
     quantities: Sequence[Column],
     own_names: Sequence[str],
-    values: FloatArray,
-    facts: Sequence[FloatArray],
-    logarithmic: NDArray[np.bool_],
-    derive: Quantities,
+    estimates: Sequence[Mapping[str, tuple[NDArray[np.intp], Interval]]],
     *,
     failed: Collection[str],
     seed: int,
 ) -> "pd.DataFrame":
     """Return one row per point.
 
-    ``own_names`` are the columns of ``runs`` with the runs' own quantities; ``values`` (R, C) is
-    what is averaged, and ``facts`` what is needed beside it, of each row of ``runs``. Where
-    ``logarithmic`` (Q,), the logarithm of a quantity may be taken if all its own are positive.
+    ``own_names`` are the columns of ``runs`` with the runs' own quantities; ``estimates`` holds, of
+    each quantity and by point, the rows of ``runs`` with a value and what follows from them.
     """
     points = planned.drop_duplicates("point").reset_index(drop=True)
     failures = planned["job"].isin(set(failed)).groupby(planned["point"]).sum()
     counts = planned["point"].value_counts()
-    known = np.isfinite(values[:, 0])
     groups = _groups(runs, np.ones(len(runs), dtype=bool))
-    usable = _groups(runs, known)
+    no_rows, nothing = np.empty(0, dtype=np.intp), Interval(nan, nan, nan, "none", 0, None)
+    known = [[each.get(p, (no_rows, nothing)) for p in points["point"]] for each in estimates]
+    n = [
+        len(np.unique(np.concatenate([no_rows, *[rows for rows, _ in of_point]])))
+        for of_point in zip(*known, strict=True)
+    ]
     data: dict[str, Any] = {
         "replicates": [len(groups.get(p, ())) for p in points["point"]],
         "planned": points["point"].map(counts),
@@ -133,23 +135,22 @@ def _points_table(
         .map(runs.groupby("point")["flagged"].sum())
         .fillna(0)
         .astype(int),
-        "n": [len(usable.get(p, ())) for p in points["point"]],
+        "n": n,
     }
     own = _values(runs, own_names)
-    found = _intervals(usable, values, facts, own, logarithmic, derive, seed)
-    nothing = [Interval(math.nan, math.nan, math.nan, "none", 0, None)] * len(quantities)
-    rows = [usable.get(point, np.empty(0, dtype=np.intp)) for point in points["point"]]
-    each = [found.get(point, nothing) for point in points["point"]]
-    for q, column in enumerate(quantities):
-        own_values = [own[r, q][np.isfinite(own[r, q])] for r in rows]
+    for q, (column, of_quantity) in enumerate(zip(quantities, known, strict=True)):
+        own_values = [own[rows, q][np.isfinite(own[rows, q])] for rows, _ in of_quantity]
+        each = [interval for _, interval in of_quantity]
         data |= {
-            f"{column.name}_mean": [i[q].estimate for i in each],
-            f"{column.name}_median": [np.median(v) if len(v) else math.nan for v in own_values],
-            f"{column.name}_sd": [v.std(ddof=1) if len(v) > 1 else math.nan for v in own_values],
-            f"{column.name}_ci_low": [i[q].low for i in each],
-            f"{column.name}_ci_high": [i[q].high for i in each],
-            f"{column.name}_ci_method": [i[q].method for i in each],
-            f"{column.name}_ci_flag": [i[q].flag or "" for i in each],
+            f"{column.name}_mean": [i.estimate for i in each],
+            f"{column.name}_median": [np.median(v) if len(v) else nan for v in own_values],
+            f"{column.name}_sd": [v.std(ddof=1) if len(v) > 1 else nan for v in own_values],
+            f"{column.name}_ci_low": [i.low for i in each],
+            f"{column.name}_ci_high": [i.high for i in each],
+            f"{column.name}_ci_method": [i.method for i in each],
+            f"{column.name}_ci_flag": [
+                _flag(i, len(rows), of) for (rows, i), of in zip(of_quantity, n, strict=True)
+            ],
         }
     data |= {"ci_level": LEVEL, "ci_resamples": RESAMPLES, "ci_seed": seed}
     names = [
@@ -161,6 +162,12 @@ def _points_table(
     ]
     keys = ["scene", *[parameter.name for parameter in parameters]]
     return frame(points.assign(**data), names, keys)
+
+
+def _flag(interval: Interval, count: int, n: int) -> str:
+    """Return what weakens an interval over ``count`` of the ``n`` runs that have any result."""
+    few = f"only {count} of {n} runs have a value" if 0 < count < n else None
+    return "; ".join(filter(None, (few, interval.flag)))
 
 
 def _values(runs: "pd.DataFrame", names: Sequence[str]) -> FloatArray:
@@ -188,7 +195,12 @@ def _intervals(
     derive: Quantities,
     seed: int,
 ) -> dict[str, list[Interval]]:
-    """Return the intervals of each point; points of as many runs share one bootstrap."""
+    """Return the intervals of each point; points of as many runs share one bootstrap.
+
+    ``values`` (R, C) is what is averaged, and ``facts`` what is needed beside it, of each row of
+    ``runs``. Where ``logarithmic`` (Q,), the logarithm of a quantity may be taken if all its
+    ``own`` (R, Q) are positive.
+    """
     quantities = len(logarithmic)
     by_size: dict[int, list[str]] = {}
     for point, rows in groups.items():

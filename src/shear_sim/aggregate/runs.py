@@ -129,6 +129,7 @@ def runs_table(
     parameters: Sequence[Column],
     waves: Waves,
     tensor: str = "periodic",
+    measured: Sequence[tuple[Column, str]] = (),
 ) -> "pd.DataFrame":
     """Return one row per finished job of the plan.
 
@@ -145,6 +146,8 @@ def runs_table(
         Harmonics of the same index.
     tensor : str
         The tensor of ``waves``, of the stresses and of the fit beside the moduli.
+    measured : sequence of (Column, key)
+        What the models measure themselves, see `shear_sim.models.interface.Model`.
     """
     import pandas as pd
 
@@ -168,17 +171,23 @@ def runs_table(
             data[column.name] = pd.to_numeric(found[key])
         if column.name == "residual_stress" and f"moduli.{tensor}.storage" in found:
             data |= waves.measures(waves.rows(found["job"]))
+    for column, key in measured:
+        if key in found:
+            values = found[key]
+            data[column.name] = pd.to_numeric(values) if column.unit else values.astype("str")
     for column in tables.FLAGS[:2]:
         if f"flags.{column.name}" in found:
             data[column.name] = found[f"flags.{column.name}"].astype("str")
     data["flags"] = _flags(found, data)
     nothing = pd.Series(data=True, index=found.index)
-    for name in (f"storage_modulus{tables.TENSORS[tensor]}", "shear_stress"):
+    numbers = [column.name for column, _ in measured if column.unit]
+    for name in (f"storage_modulus{tables.TENSORS[tensor]}", "shear_stress", *numbers):
         if name in data:
             nothing &= data[name].isna()
     data["flagged"] = nothing | (data["flags"] != "")
     known = {c.name: c for c in (*tables.MODULI, *tables.LARGE_AMPLITUDE, *tables.FLAGS)}
-    known |= {c.name: c for c, _ in (*tables.OSCILLATORY, *tables.STEADY, *tables.QUALITY)}
+    listed = (*tables.OSCILLATORY, *tables.STEADY, *tables.QUALITY, *measured)
+    known |= {column.name: column for column, _ in listed}
     names = [tables.JOB, *tables.LABELS, *parameters, tables.REPLICATE, *[known[n] for n in data]]
     keys = ["scene", *[parameter.name for parameter in parameters], "replicate"]
     return frame(found.assign(**data), names, keys)
@@ -193,8 +202,9 @@ def _flags(found: "pd.DataFrame", data: "dict[str, pd.Series[Any]]") -> "pd.Seri
         for name, limits in LIMITS.items()
         if name in data
     }
-    if "flags.not_at_rest" in found:
-        failed["not_at_rest"] = found["flags.not_at_rest"].astype("boolean").fillna(value=False)
+    for name in tables.MODEL_FLAGS:
+        if f"flags.{name}" in found:
+            failed[name] = found[f"flags.{name}"].astype("boolean").fillna(value=False)
     words = pd.Series("", index=found.index, dtype="str")
     for name, where in failed.items():
         where = where.astype(bool)

@@ -6,7 +6,7 @@ from typing import cast
 
 from shear_sim.models.interface import Model
 
-KINDS = ("microgel",)
+KINDS = ("microgel", "hard_disc")
 DEFAULT_KIND = "microgel"
 
 

@@ -138,6 +138,9 @@ class Model(Protocol):
     PHYSICS_VERSION: int  # raised with any change of numbers: part of every job id
     COLUMNS: Sequence[Column]  # stored
     DERIVED: Sequence[Column]  # computed on reading
+    #: What the summary of a run holds beside the rheology: for the tables, each with its dotted key
+    #: there. Those with a unit are averaged over replicates, but in oscillatory shear.
+    MEASURED: Sequence[tuple[Column, str]]
 
     @staticmethod
     def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:

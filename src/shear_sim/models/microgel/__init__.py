@@ -13,10 +13,12 @@ from shear_sim.streams import Streams
 
 POINT = MicrogelPoint
 PHYSICS_VERSION = 3  # raised with any change of numbers; part of every job id
+MEASURED = ()
 
 __all__ = [
     "COLUMNS",
     "DERIVED",
+    "MEASURED",
     "PHYSICS_VERSION",
     "POINT",
     "compile_for",

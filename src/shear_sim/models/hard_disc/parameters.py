@@ -1,0 +1,252 @@
+"""The sections of a study of hard discs: every physical parameter, its unit and its limits."""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from shear_sim.models.interface import Point
+from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
+
+CLOSEST = math.pi / math.sqrt(12)  # packing fraction of the densest packing of equal discs
+
+
+class HardDiscPacking(Section):
+    """Which discs there are: large and small ones, half of each, at random without overlap."""
+
+    discs: Annotated[int, Field(ge=2, le=100_000, description="N; ⌈N/2⌉ are large")] = 64
+    packing_fraction: Annotated[
+        float,
+        Field(
+            gt=0, le=0.907, description="φ = Σ π a_i² / cell area [-] at the start, not in percent"
+        ),
+        PERCENT,
+    ] = 0.8
+    size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
+    polydispersity: Annotated[
+        float,
+        Field(ge=0, le=0.5, description="radii are uniform within this fraction of their mean"),
+        PERCENT,
+    ] = 0.03
+    attempts: Annotated[
+        int, Field(ge=1, description="random positions to try for a start without overlap")
+    ] = 20
+
+    @model_validator(mode="after")
+    def _not_touch_twice(self) -> Self:
+        large = math.ceil(self.discs / 2)
+        ratio = self.size_ratio
+        area = math.pi * (large * ratio**2 + self.discs - large) / self.packing_fraction
+        most = ratio * (1 + self.polydispersity)
+        if math.sqrt(area) < 4 * most:
+            fewest = math.ceil(self.discs * 16 * most**2 / area)
+            message = (
+                f"the side of the cell ({math.sqrt(area):.3g} small radii) is under four large "
+                f"radii ({4 * most:.3g}), so two discs could touch twice: packing.discs at least "
+                f"{fewest}, or a lower packing_fraction"
+            )
+            raise Impossible([(("discs", "packing_fraction", "size_ratio"), message)])
+        return self
+
+
+class HardDisc(Section):
+    """Frictionless rigid discs with drag against the affine flow (Lerner, Düring & Wyart)."""
+
+    kind: Literal["hard_disc"] = "hard_disc"
+    mobility: Annotated[
+        float, Field(gt=0, description="ξ₀, velocity per force on a disc [1/(Pa s)]")
+    ] = 1.0
+
+
+class HardDiscSteadyShear(Section):
+    """Steady shear: at fixed area or pressure, with imposed compression, or at fixed stress."""
+
+    kind: Literal["steady"]
+    strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")] = 1.0
+    strain_rate: Annotated[
+        Positive, Field(description="γ̇ [1/s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    scaled_pressure: Annotated[
+        float | None,
+        Field(gt=0, description="p ξ₀/γ̇ [-], which the area of the cell keeps; none: fixed area"),
+    ] = None
+    compression_ratio: Annotated[
+        float, Field(ge=-100, le=100, description="κ: imposed rate of compression of lengths / γ̇")
+    ] = 0.0
+    shear_stress: Annotated[
+        float | None,
+        Field(gt=0, description="imposed σ [Pa]: the strain rate follows; records are by strain"),
+    ] = None
+    highest_rate: Annotated[
+        Positive, Field(description="of a flow at fixed stress, largest γ̇ / (σ ξ₀)")
+    ] = 100.0
+    transient: Annotated[
+        Fraction, Field(description="part of the strain before means are taken")
+    ] = 0.3
+
+    @model_validator(mode="after")
+    def _impose_one_of_both(self) -> Self:
+        if self.scaled_pressure is not None and self.compression_ratio != 0:
+            message = "at a fixed pressure the compression follows: leave one of both out"
+            raise Impossible([(("compression_ratio", "scaled_pressure"), message)])
+        if self.shear_stress is not None and self.strain_rate != 1:
+            message = "at a fixed shear_stress the strain_rate follows: leave one of both out"
+            raise Impossible([(("strain_rate", "shear_stress"), message)])
+        if self.shear_stress is not None and self.scaled_pressure is not None:
+            message = "one of scaled_pressure and shear_stress can be fixed, not both"
+            raise Impossible([(("scaled_pressure", "shear_stress"), message)])
+        if self.shear_stress is None and self.highest_rate != 100:
+            message = "has no effect without shear_stress"
+            raise Impossible([(("highest_rate", "shear_stress"), message)])
+        return self
+
+
+def _not_zero(compression: float) -> float:
+    if compression == 0:
+        msg = "must not be 0: nothing would move"
+        raise ValueError(msg)
+    return compression
+
+
+class HardDiscCompression(Section):
+    """Isotropic compression (or decompression) without shear; ends where the discs are jammed."""
+
+    kind: Literal["compression"]
+    compression: Annotated[
+        float,
+        AfterValidator(_not_zero),
+        Field(ge=-2, le=2, description="ln(length before / after) of the cell; < 0 decompresses"),
+    ] = 0.1
+    rate: Annotated[
+        Positive, Field(description="its rate [1/s]: sets the units of time and stress")
+    ] = 1.0
+
+
+class HardDiscOscillatoryShear(Section):
+    """Oscillatory shear γ(t) = A sin(2π t / T) at fixed volume."""
+
+    kind: Literal["oscillatory"] = "oscillatory"
+    strain_amplitude: Annotated[
+        float, Field(gt=0, le=5, description="A [-], not in percent"), PERCENT
+    ] = 0.2
+    period: Annotated[
+        Positive, Field(description="T [s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
+
+
+class HardDiscSelfPropulsion(Section):
+    """Discs that push themselves: a force on each, of mean square 1, in units of τ = λ/(f ξ₀)."""
+
+    kind: Literal["self_propelled"]
+    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    persistence: Annotated[
+        Positive, Field(description="a force lasts a time uniform between 0 and this [τ]")
+    ] = 10.0
+    force: Annotated[
+        Literal["uniform", "fixed"],
+        Field(description="magnitude: uniform from 0 (paper, section V B), or the same for all"),
+    ] = "uniform"
+    time_unit: Annotated[
+        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    transient: Annotated[
+        Fraction, Field(description="part of the duration before means are taken")
+    ] = 0.3
+
+
+HardDiscShear = (
+    HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression | HardDiscSelfPropulsion
+)
+
+
+class HardDiscIntegrator(Section):
+    """How the discs are moved."""
+
+    scheme: Annotated[
+        Literal["events", "time_steps"],
+        Field(
+            description="events: exact. time_steps: one problem per step, first order, no overlap"
+        ),
+    ] = "events"
+    strain_step: Annotated[
+        float | None,
+        Field(gt=0, le=0.01, description="of time_steps, at most; whole steps between records"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _step_or_not(self) -> Self:
+        if (self.scheme == "time_steps") != (self.strain_step is not None):
+            message = "scheme: time_steps needs strain_step (0.001?), and only it has one"
+            raise Impossible([(("strain_step", "scheme"), message)])
+        return self
+
+
+class HardDiscRecord(Section):
+    """How often a record is made. Records never change the motion."""
+
+    rows: Annotated[
+        int | None,
+        Field(
+            ge=20,
+            description="records after the first, evenly in time; default: 1,000 per unit strain, "
+            "1,000 per unit compression, 400 per period, 10 per τ",
+        ),
+    ] = None
+
+
+class HardDiscPoint(Point):
+    """One simulation of hard discs."""
+
+    packing: HardDiscPacking = HardDiscPacking()
+    model: HardDisc = HardDisc()
+    shear: Annotated[HardDiscShear, Field(discriminator="kind")] = HardDiscSteadyShear(
+        kind="steady"
+    )
+    integrator: HardDiscIntegrator = HardDiscIntegrator()
+    record: HardDiscRecord = HardDiscRecord()
+
+    @property
+    def kind(self) -> str:
+        """Name of the model."""
+        return self.model.kind
+
+    def resolved(self) -> Self:
+        """Return the point with its number of records filled in."""
+        shear = self.shear
+        if isinstance(shear, HardDiscSteadyShear):
+            default = max(20, math.ceil(1000 * shear.strain))
+        elif isinstance(shear, HardDiscCompression):
+            default = max(20, math.ceil(1000 * abs(shear.compression)))
+        elif isinstance(shear, HardDiscSelfPropulsion):
+            default = max(20, math.ceil(10 * shear.duration))
+        else:
+            default = 400 * shear.periods
+        rows = self.record.rows or default
+        return self.model_copy(update={"record": HardDiscRecord(rows=rows)})
+
+    @model_validator(mode="after")
+    def _step_in_steady_shear_only(self) -> Self:
+        shear = self.shear
+        plain = (
+            isinstance(shear, HardDiscSteadyShear)
+            and shear.scaled_pressure is None
+            and shear.shear_stress is None
+            and shear.compression_ratio == 0
+        )
+        if self.integrator.scheme == "time_steps" and not plain:
+            message = "time_steps are for steady shear at fixed area and rate"
+            keys = ("shear.kind", "shear.scaled_pressure", "shear.shear_stress")
+            raise Impossible([(("integrator.scheme", *keys), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _resolve_every_period(self) -> Self:
+        shear, rows = self.shear, self.record.rows
+        if isinstance(shear, HardDiscOscillatoryShear) and rows and rows < 20 * shear.periods:
+            message = (
+                f"{rows} records of {shear.periods} periods: G′ and G″ are read with nine "
+                f"harmonics and need 20 a period: at least {20 * shear.periods}"
+            )
+            raise Impossible([(("record.rows", "shear.periods", "shear.kind"), message)])
+        return self

@@ -1,0 +1,135 @@
+"""One job of hard discs: its records, its summary, and what must not change them."""
+
+import numpy as np
+import pytest
+from hard_discs import finished, point
+
+from shear_sim.models import hard_disc
+from shear_sim.models.interface import SimulationError
+from shear_sim.results import read_job
+from shear_sim.rheology import summarise
+from shear_sim.runner import run_job
+from shear_sim.streams import Streams
+from shear_sim.study import Job, StudyError, read_study
+
+STEADY = {"kind": "steady", "strain": 0.4}
+
+
+def test_stress_scales_with_rate_and_mobility_and_the_motion_does_not_notice():
+    """σ = (γ̇/ξ₀) × what strain alone decides (section II D), to the bit."""
+    one = finished(point(shear=STEADY)).columns()
+    other = finished(point(shear=STEADY | {"strain_rate": 4.0}, model={"mobility": 0.5})).columns()
+    for name in ("strain", "scaled_shear_stress", "contact_number", "events", "nonaffine_speed"):
+        assert np.array_equal(one[name], other[name])
+    assert np.array_equal(other["stress_xy"], 8 * one["stress_xy"])
+    assert other["time"] == pytest.approx(one["time"] / 4)
+    assert np.array_equal(-one["stress_xy"], one["scaled_shear_stress"])
+    assert one["scaled_shear_stress"].max() > 0.5
+
+
+def test_records_and_blocks_never_change_the_motion():
+    """50 records or 1,000, asked for one by one or at once: the same bits where they meet."""
+    many = finished(point(shear=STEADY, record={"rows": 1000})).columns()
+    few = finished(point(shear=STEADY, record={"rows": 50}), block=1).columns()
+    for name, values in few.items():
+        assert np.array_equal(values, many[name][::20]), name
+
+
+def test_checks_of_a_run():
+    for pressure in (None, 30.0):
+        run = finished(point(shear=STEADY | {"scaled_pressure": pressure}))
+        summary, columns = run.summary(), run.columns()
+        checks = summary["checks"]
+        assert checks["largest_overlap"] < 1e-12
+        assert checks["power_residual"] < 1e-10
+        assert checks["least_force"] > -1e-9
+        assert checks["area_residual"] < 1e-12
+        assert summary["status"] == "flowing"
+        assert summary["events"]["collisions"] > 50
+        if pressure:
+            pressed = columns["scaled_pressure"][columns["contact_number"] > 0]
+            assert pressed == pytest.approx(30.0, rel=1e-10)
+            change = np.log(columns["packing_fraction"] / columns["packing_fraction"][0]) / 2
+            assert columns["compression"] == pytest.approx(change, abs=1e-8)
+
+
+def test_oscillation_turns_at_its_amplitude():
+    """Within a half period only the strain counts, so records of equal strain scale with the rate.
+
+    The stress answers the rate at once: in phase with γ̇, and at the turning points none.
+    """
+    given = point(shear={"kind": "oscillatory", "strain_amplitude": 0.1, "periods": 2})
+    run = finished(given)
+    columns = run.columns()
+    time, strain = columns["time"], columns["strain"]
+    assert strain == pytest.approx(0.1 * np.sin(2 * np.pi * time), abs=1e-15)
+    assert columns["strain_rate"] == pytest.approx(
+        0.2 * np.pi * np.cos(2 * np.pi * time), abs=1e-14
+    )
+    assert run.flow.path == pytest.approx(0.8)
+    sheared = columns["contact_number"] > 0
+    assert (columns["scaled_shear_stress"][sheared] > 0).all()
+    stress = hard_disc.derive(columns)["shear_stress"]
+    assert stress == pytest.approx(
+        columns["scaled_shear_stress"] * columns["strain_rate"], rel=1e-12, abs=1e-12
+    )
+    moduli = summarise(columns | hard_disc.derive(columns), run.summary()["protocol"])
+    assert moduli["flags"]["no_moduli"] is None
+    assert moduli["moduli"]["periodic"]["loss"] > abs(moduli["moduli"]["periodic"]["storage"])
+
+
+def test_a_small_oscillation_without_contacts_is_reversible():
+    given = point(
+        packing={"packing_fraction": 0.5},
+        shear={"kind": "oscillatory", "strain_amplitude": 1e-4, "periods": 1},
+    )
+    run = hard_disc.start(given, Streams(0, 0))
+    x = run.flow.x.copy()
+    run.advance(run.rows)
+    assert run.flow.counts.collisions == 0
+    assert run.flow.x == pytest.approx(x, abs=1e-14)
+
+
+def test_a_job_through_the_runner(tmp_path):
+    job = Job.create(point(shear=STEADY), seed=1, replicate=0)
+    result = read_job(run_job(job, tmp_path))
+    assert len(result.columns["time"]) == 401
+    assert result.summary["steady"]["shear_stress"] > 0.1
+    measured = result.summary["measured"]
+    late = result.columns["strain"] >= 0.3 * 0.4
+    assert measured["scaled_shear_stress"] == pytest.approx(
+        result.columns["scaled_shear_stress"][late].mean()
+    )
+    assert measured["friction_coefficient"] == pytest.approx(
+        measured["scaled_shear_stress"] / measured["scaled_pressure"]
+    )
+
+
+def test_too_dense_a_start_says_so():
+    given = point(packing={"packing_fraction": 0.9, "attempts": 2})
+    with pytest.raises(SimulationError, match="no overlap-free start after 2 attempts"):
+        hard_disc.start(given, Streams(0, 0))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("packing: {packing_fraction: 0.95}", "must be at most 0.907"),
+        ("packing: {packing_fraction: 84}", "not in percent|not percent"),
+        ("packing: {discs: 4}", "two discs could touch twice: packing.discs at least"),
+        ("model: {mobility: 0}", "must be greater than 0"),
+        ("shear: {kind: steady, scaled_pressure: -1}", "must be greater than 0"),
+        ("integrator: {scheme: time_steps}", "needs strain_step"),
+        ("shear: {kind: steady, scaled_pressure: 3, shear_stress: 2}", "not both"),
+        (
+            "shear: {kind: compression}\nintegrator: {scheme: time_steps, strain_step: 0.001}",
+            "steady shear at fixed area",
+        ),
+        ("shear: {kind: oscillatory, periods: 9}\nrecord: {rows: 100}", "at least 180"),
+    ],
+)
+def test_impossible_studies(text, message, tmp_path):
+    content = text if "model:" in text else f"model: {{kind: hard_disc}}\n{text}"
+    content = content.replace("model: {mobility", "model: {kind: hard_disc, mobility")
+    with pytest.raises(StudyError, match=message):
+        read_study(content.encode(), tmp_path / "study.yaml")

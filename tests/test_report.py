@@ -19,6 +19,7 @@ from shear_sim.figures import style
 from shear_sim.report import page, write_report
 from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
+from shear_sim.statistics import RESAMPLES
 from shear_sim.study import load_study
 
 STUDY = """# <script src="https://example.org/evil.js"></script> & an "attribute" > all
@@ -135,7 +136,7 @@ def test_it_says_what_was_run_and_how(text, parsed):
     assert parsed.text["pre"] == STUDY
     assert f"shear-sim {version('shear-sim')}" in parsed.text["p"]
     assert np.__version__ in parsed.text["td"]
-    assert "4,999 resamples (seed 5)" in parsed.text["p"]
+    assert f"{RESAMPLES:,} resamples (seed 5)" in parsed.text["p"]
     assert "t_log, " in parsed.text["li"]
     assert "model.modulusPa50, 400" in re.sub(r"<[^>]*>", "", text)
     assert parsed.text["title"] == "springs: report of a study"

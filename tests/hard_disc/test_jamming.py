@@ -6,7 +6,7 @@ from hard_discs import drive, flow, packed_flow, packing
 
 from shear_sim.models import hard_disc
 from shear_sim.models.hard_disc.active_set import Jammed
-from shear_sim.models.hard_disc.certificate import certify, constrained
+from shear_sim.models.hard_disc.certificate import certify, constrained, is_proof
 from shear_sim.models.hard_disc.parameters import HardDiscPoint
 from shear_sim.streams import Streams
 
@@ -99,3 +99,12 @@ def test_a_jammed_run_says_so_and_keeps_its_records():
     assert columns["compression"] == pytest.approx(columns["time"], abs=1e-12)
     assert (columns["packing_fraction"] <= summary["measured"]["final_packing_fraction"]).all()
     assert columns["scaled_pressure"][-1] > 10
+
+
+@pytest.mark.parametrize(
+    "fault", [{"least_force": -1e-3}, {"unbalanced_force": 2.5e-3}, {"load": 1.0}]
+)
+def test_forces_that_pull_or_do_not_balance_or_help_prove_nothing(fault):
+    certificate = jam(packed_flow(32, 0.75, 0, compression=1))
+    assert is_proof(certificate)
+    assert not is_proof(certificate | fault)

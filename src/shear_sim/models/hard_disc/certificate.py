@@ -20,6 +20,9 @@ def constrained(i: NDArray[np.int32], j: NDArray[np.int32], discs: int) -> NDArr
         kept &= ~loose
 
 
+BALANCED = 1e-12  # of the mean force: round-off of the sums of a disc's forces
+
+
 def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
     """Return the JSON-ready certificate of a jammed instant.
 
@@ -59,3 +62,15 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
         "load": float((force * q / distance).sum()),
         "rattlers": np.flatnonzero(~held).tolist(),
     }
+
+
+def is_proof(certificate: dict[str, Any]) -> bool:
+    """Tell whether the forces of a certificate prove that discs are jammed.
+
+    They push, they balance to round-off, and they resist the motion that was asked for.
+    """
+    return bool(
+        certificate["least_force"] > 0
+        and certificate["unbalanced_force"] <= BALANCED
+        and certificate["load"] < 0
+    )

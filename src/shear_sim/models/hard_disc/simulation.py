@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.hard_disc.active_set import Arrested, Jammed, velocities
-from shear_sim.models.hard_disc.certificate import certify
+from shear_sim.models.hard_disc.certificate import certify, is_proof
 from shear_sim.models.hard_disc.columns import COLUMNS
 from shear_sim.models.hard_disc.driving import make_driving, make_records
 from shear_sim.models.hard_disc.flow import Contacts, Dense, Flow, contacts_at
@@ -108,9 +108,11 @@ class HardDiscSimulation:
                 else:  # the last record is the end of the path, to round-off
                     self._first()
         except Jammed as jam:
-            self.status = "jammed"
-            self.stopped = f"jammed at path {self.flow.path:.9g}"
             self.certificate = certify(self.flow.instant(), jam, self.flow.path)
+            self.status = "jammed" if is_proof(self.certificate) else "arrested"
+            self.stopped = f"{self.status} at path {self.flow.path:.9g}"
+            if self.status == "arrested":
+                self.stopped += ": the forces found do not balance, so nothing is proved jammed"
         except Arrested as arrest:
             self.status = "arrested"
             self.stopped = str(arrest)

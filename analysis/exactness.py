@@ -139,8 +139,8 @@ def draw(curves: Mapping[str, FloatArray], path: str) -> None:
     left.set(
         yscale="log",
         ylim=(1e-18, 10),
-        xlabel="time / T",
-        ylabel="|σ_xy − σ_yx| / (|σ_xx| + |σ_yy|)",
+        xlabel="time / $T$",
+        ylabel=r"$|\sigma_{xy} - \sigma_{yx}| \, / \, (|\sigma_{xx}| + |\sigma_{yy}|)$",
         title="internal stress tensor, default run",
     )
     left.legend(frameon=False, fontsize=8, loc="center right", bbox_to_anchor=(1, 0.4))
@@ -151,7 +151,7 @@ def draw(curves: Mapping[str, FloatArray], path: str) -> None:
         yscale="log",
         ylim=(1e-18, 10),
         xlabel="steps",
-        ylabel="|L / L₀ − 1|",
+        ylabel="$|L / L_0 - 1|$",
         title="angular momentum, isolated cluster",
     )
     right.legend(frameon=False, fontsize=8, loc="center right")
@@ -161,7 +161,7 @@ def draw(curves: Mapping[str, FloatArray], path: str) -> None:
     plt.close(fig)
 
 
-def main(path: str, point: MicrogelPoint | None = None, periods: float = 20) -> None:
+def main(path: str, point: MicrogelPoint | None = None, periods: float = 40) -> None:
     """Print the table and write the figure to ``path``."""
     table, curves = measure(point or MicrogelPoint(), periods)
     print(table)

@@ -436,6 +436,7 @@ def main(names: list[str]) -> None:
         "case", "energy residual", "limit", "with 4 × the steps", "asymmetry", "momentum",
         "passed through", "closest d/D", "substeps per step", "CPU s", "verdict",
     )  # fmt: skip
+    print("Printed by `analysis/hard_cases.py`; its first lines say what must hold, and why.\n")
     print(f"| {' | '.join(titles)} |\n{'| --- ' * len(titles)}|")
     for name in names or CASES:
         case = CASES[name]

@@ -42,7 +42,7 @@ class Interval:
     (bounds are nan). ``n`` is the number of replicates, the smallest of all groups. ``flag`` says
     what weakens the interval, or is None. ``undefined`` is the fraction of resamples in which the
     value does not exist or lies beyond what was measured. ``error`` is the jackknife's standard
-    error and ``freedom`` its degrees of freedom.
+    error.
     """
 
     estimate: float
@@ -53,13 +53,14 @@ class Interval:
     flag: str | None
     undefined: float = 0.0
     error: float = math.nan
-    freedom: float = math.nan
 
     def p_value(self, null: float = 0.0) -> float:
         """Return the two-sided p-value of ``null`` by Student's t with the jackknife's error.
 
-        Not by turning the bootstrap round: at 12 replicates it finds p < 0.005 four times as often
-        as it should, where t is right (``analysis/coverage.py``).
+        Not by turning the bootstrap round: a dozen replicates say nothing of its far tails, and
+        those are what a correction for many tests asks for. The degrees of freedom are those of the
+        smallest group: an effective number for all groups together (Welch's) is too large where
+        the value hangs on few of them.
         """
         from scipy.special import stdtr
 
@@ -67,7 +68,7 @@ class Interval:
             return math.nan
         if self.error == 0.0:
             return 1.0 if self.estimate == null else 0.0
-        return float(2.0 * stdtr(self.freedom, -abs(self.estimate - null) / self.error))
+        return float(2.0 * stdtr(self.n - 1, -abs(self.estimate - null) / self.error))
 
 
 def interval(
@@ -157,15 +158,15 @@ def intervals(
     if counted < 2:
         few = "fewer than two replicates"
         return [Interval(float(e), math.nan, math.nan, "none", counted, few) for e in estimate]
-    errors, freedom = _jackknife_error(one_out, sizes, counted)
+    errors = _jackknife_error(one_out, sizes)
     if counted < SMALLEST_BOOTSTRAP:
         found = _student(estimate, one_out, sizes, counted, positive, level)
     else:
         found = _bootstrap(statistic, sizes, counted, estimate, level, resamples, seed)
     return [
         # Equal replicates differ by rounding at most, and that is no error.
-        Interval(*f, error=0.0 if f[3] == "equal" else float(e), freedom=float(v))
-        for f, e, v in zip(found, errors, freedom, strict=True)
+        Interval(*f, error=0.0 if f[3] == "equal" else float(e))
+        for f, e in zip(found, errors, strict=True)
     ]
 
 
@@ -183,23 +184,15 @@ def _jackknife(statistic: Statistic, sizes: Sequence[int]) -> tuple[FloatArray, 
     return values[:, 0], np.split(values[:, 1:], ends[1:-1] - 1, axis=1)
 
 
-def _jackknife_error(
-    one_out: Sequence[FloatArray], sizes: Sequence[int], counted: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return the standard errors (Q,), and degrees of freedom (Welch and Satterthwaite's) (Q,)."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        variances = np.array(
-            [
-                (size - 1) / size * ((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
-                for values, size in zip(one_out, sizes, strict=True)
-            ]
-        )
-        total = variances.sum(axis=0)
-        if len(sizes) == 1:
-            return np.sqrt(total), np.full(len(total), counted - 1.0)
-        each = np.array([size - 1.0 for size in sizes])[:, None]
-        freedom = total**2 / (variances**2 / each).sum(axis=0)
-    return np.sqrt(total), np.where(np.isfinite(freedom), freedom, counted - 1.0)
+def _jackknife_error(one_out: Sequence[FloatArray], sizes: Sequence[int]) -> FloatArray:
+    """Return the standard errors (Q,)."""
+    with np.errstate(invalid="ignore"):
+        variances = [
+            (size - 1) / size * ((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
+            for values, size in zip(one_out, sizes, strict=True)
+        ]
+        error: FloatArray = np.sqrt(np.sum(variances, axis=0))
+        return error
 
 
 def _student(
@@ -219,11 +212,10 @@ def _student(
     logs = finite & allowed & (True if positive is None else positive)
     # Taken one by one: in a sum of logarithms a single value that is not positive spoils the rest.
     usable = np.where(logs[:, None], everything, 1.0)
-    errors, freedom = _jackknife_error(one_out, sizes, counted)
+    errors = _jackknife_error(one_out, sizes)
     splits = np.cumsum([1, *[values.shape[1] for values in one_out]])[:-1]
-    log_errors, log_freedom = _jackknife_error(
-        np.split(np.log(usable), splits, axis=1)[1:], sizes, counted
-    )
+    log_errors = _jackknife_error(np.split(np.log(usable), splits, axis=1)[1:], sizes)
+    quantile = float(stdtrit(counted - 1, 0.5 + level / 2))
     few = f"fewer than {SMALLEST_BOOTSTRAP} replicates"
     found: list[_Found] = []
     for q, value in enumerate(estimate.tolist()):
@@ -235,13 +227,13 @@ def _student(
         if spread <= _ROUNDING * float(np.abs(everything[q]).max()):
             found.append((value, value, value, "equal", counted, "all replicates are equal", 0.0))
         elif logs[q]:
-            half = float(stdtrit(log_freedom[q], 0.5 + level / 2) * log_errors[q])
+            half = quantile * float(log_errors[q])
             # np.exp, unlike math.exp, may overflow: values decades apart do bound nothing above.
             with np.errstate(over="ignore"):
                 low, high = float(value * np.exp(-half)), float(value * np.exp(half))
             found.append((value, low, high, "t_log", counted, few, 0.0))
         else:
-            half = float(stdtrit(freedom[q], 0.5 + level / 2) * errors[q])
+            half = quantile * float(errors[q])
             found.append((value, value - half, value + half, "t", counted, few, 0.0))
     return found
 

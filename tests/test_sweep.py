@@ -9,7 +9,7 @@ import time
 from collections import Counter
 
 import pytest
-from tools import processes, run, start, wait_until, write_study
+from tools import assert_same, processes, run, start, wait_until, write_study
 
 import shear_sim
 from shear_sim import sweep
@@ -27,13 +27,6 @@ def make(study_file, root, **options):
     results = Results(root / study.name)
     plan = make_plan(study, results, **options)
     return plan, sweep.run_plan(plan, Screen()), results
-
-
-def assert_same(one, other):
-    names = sorted(path.name for path in one.jobs.iterdir())
-    assert names == sorted(path.name for path in other.jobs.iterdir())
-    for name in names:
-        assert differences(read_table(one.jobs / name), read_table(other.jobs / name)) == []
 
 
 @pytest.fixture(scope="module")

@@ -255,6 +255,26 @@ def test_signals_stop_the_sweep_with_their_exit_code(number, code, tmp_path, env
     assert {path.suffix for path in results.jobs.iterdir()} == {".parquet"}
 
 
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGINT])
+def test_a_stopped_job_goes_on_from_its_checkpoint(number, undisturbed, tmp_path, environment):
+    """Two jobs of 4 s do not end before the signal."""
+    study = write_study(tmp_path, seconds=4)
+    results = Results(tmp_path / "results/study")
+    arguments = ("sweep", study, "--results", tmp_path / "results", "--jobs", 2, "--limit", 2)
+    process = start(environment, *arguments)
+    wait_until(lambda: len(processes(environment)) == 4)
+    time.sleep(1.5)
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=10)
+    assert "2 job(s) will go on from checkpoints" in output
+    assert len(list(results.checkpoints.iterdir())) == 2
+    code, output = run(environment, *arguments)
+    assert code == 0, output
+    for path in results.jobs.iterdir():
+        assert read_table(path).summary["run"]["resumed"] == 1
+    assert list(results.checkpoints.iterdir()) == []
+
+
 def test_a_signal_while_compiling_stops_at_once(tmp_path, environment):
     environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
     process = start(environment, "sweep", write_study(tmp_path), "--results", tmp_path / "results")

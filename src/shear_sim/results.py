@@ -7,6 +7,7 @@
       plan.parquet          the jobs of the study as last planned: id, labels, varied keys
       jobs/<job id>.parquet one per finished job: series and summary
       failed/<job id>.json  one per failed job: why
+      checkpoints/          jobs that were stopped, or take long: they go on from there
       index.parquet         summaries of all finished jobs; a cache, rebuilt at any time
       tables/ figures/ logs/
 
@@ -77,6 +78,7 @@ class Results:
         self.folder = folder
         self.jobs = folder / "jobs"
         self.failed = folder / "failed"
+        self.checkpoints = folder / "checkpoints"
         self.tables = folder / "tables"
         self.figures = folder / "figures"
         self.logs = folder / "logs"
@@ -110,9 +112,12 @@ class Results:
         """
         self.refuse_imported()
         try:
-            for folder in (self.jobs, self.failed, self.tables, self.figures, self.logs):
-                folder.mkdir(parents=True, exist_ok=True)
-                remove_partial(folder)
+            for name in ("jobs", "failed", "checkpoints", "tables", "figures", "logs"):
+                (self.folder / name).mkdir(parents=True, exist_ok=True)
+                remove_partial(self.folder / name)
+            for path in self.checkpoints.glob("*.pickle"):
+                if self.job_file(path.stem).exists():  # by another run of the same job
+                    path.unlink(missing_ok=True)
             remove_partial(self.folder)
             text = study.text.encode()
             if not self.study_file.exists() or self.study_file.read_bytes() != text:

@@ -61,9 +61,14 @@ class Report:
     wall_s: float
 
     @property
+    def progress(self) -> bool:
+        """Whether any job has ended or got further."""
+        return bool(self.done or self.failed or self.stopped)
+
+    @property
     def exit_code(self) -> int:
         """0 all done, 1 some failed, 75 stopped, 130 interrupted."""
-        if self.signal is not None:
+        if self.signal is not None and self.left:
             return INTERRUPTED if self.signal == signal.SIGINT else STOPPED
         return FAILED if self.failed or self.waiting or self.storage_full else DONE
 
@@ -78,7 +83,7 @@ def run_plan(plan: Plan, screen: Screen) -> Report:
     SweepError
         If no job can run: the kernels do not compile, the server of the workers dies.
     """
-    plan.results.prepare(plan.study)
+    plan.results.prepare(plan.study, keep_plan=plan.shard[0] == 0)
     started = time.monotonic()
     sweep = _Sweep(plan, screen)
     if plan.run:

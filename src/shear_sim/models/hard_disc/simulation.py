@@ -115,7 +115,7 @@ class HardDiscSimulation:
                 self.stopped += ": the forces found do not balance, so nothing is proved jammed"
         except Arrested as arrest:
             self.status = "arrested"
-            self.stopped = str(arrest)
+            self.stopped = f"arrested at path {self.flow.path:.9g}: {arrest}"
         self.done = min(wanted, self._made)
 
     def _first(self) -> None:

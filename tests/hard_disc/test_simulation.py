@@ -75,6 +75,11 @@ def test_oscillation_turns_at_its_amplitude():
     )
     moduli = summarise(columns | hard_disc.derive(columns), run.summary()["protocol"])
     assert moduli["flags"]["no_moduli"] is None
+    # Collisions are no fault of a run of hard discs, and its records have no other tensor.
+    assert {k for k, v in moduli["quality"].items() if v is not None} == {
+        "cycle_change",
+        "drift_ratio",
+    }
     assert moduli["moduli"]["periodic"]["loss"] > abs(moduli["moduli"]["periodic"]["storage"])
 
 
@@ -103,6 +108,7 @@ def test_a_job_through_the_runner(tmp_path):
     assert measured["friction_coefficient"] == pytest.approx(
         measured["scaled_shear_stress"] / measured["scaled_pressure"]
     )
+    assert measured["viscous_number"] * measured["scaled_pressure"] == pytest.approx(1)
 
 
 def test_too_dense_a_start_says_so():

@@ -36,7 +36,7 @@ MEASURED = (
             ("scaled_pressure", "mean of p ξ₀/|γ̇| after the transient"),
             (
                 "friction_coefficient",
-                "μ(J) = mean shear stress / mean pressure after the transient",
+                "μ = mean shear stress / mean pressure after the transient",
             ),
             ("viscous_number", "J = γ̇/(ξ₀ p), of the mean pressure after the transient"),
             ("contact_number", "mean of 2 N_c/N after the transient"),

@@ -41,6 +41,10 @@ seed: 1
 EDITED = STUDY.replace("[0.01, 0.1, 1]", "[0.01, 0.3, 1]")
 
 
+class CannotMountError(Exception):
+    """There is no small disk to be filled."""
+
+
 class Row(NamedTuple):
     """One row of the table."""
 
@@ -228,7 +232,10 @@ def damage(study: Study, fault: str, count: int, rng: random.Random) -> Row:
 def small_disk(folder: Path, size: str) -> Iterator[None]:
     """Mount a file system in memory; only root may."""
     folder.mkdir(parents=True, exist_ok=True)
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder], check=True)
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder]
+    if subprocess.run(mount, check=False).returncode:
+        msg = "file systems cannot be mounted here"
+        raise CannotMountError(msg)
     try:
         yield
     finally:

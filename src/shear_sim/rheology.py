@@ -276,7 +276,8 @@ def summarise(
         the shear / stress amplitude; ``surface_internal_ratio``: |G*| external / internal;
         ``cycle_change``: relative change of |G*| between the last two periods; ``drift_ratio``:
         drift over one period / stress amplitude; ``jumps`` and ``largest_jump``: see `jumps`, of
-        the periodic tensor during the oscillation) and ``flags`` (``baseline_noisy``,
+        the periodic tensor during the oscillation; None where the protocol says that the stress is
+        ``impulsive``: that of rigid bodies jumps at collisions) and ``flags`` (``baseline_noisy``,
         ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
         (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
         without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
@@ -376,7 +377,7 @@ def _jumps(
     columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]
 ) -> dict[str, float | None]:
     nothing: dict[str, float | None] = {"jumps": None, "largest_jump": None}
-    if "shear_stress" not in columns:
+    if "shear_stress" not in columns or protocol.get("impulsive", False):
         return nothing
     time, edge = columns["time"], _EDGE * protocol["period"]
     # The record at the start of the shear holds the stress before the rate jumps.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hard_discs import overlap, packed_flow
 
-from shear_sim.models.hard_disc.factor import Factor, back_substitute, factorise
+from shear_sim.models.hard_disc.factor import Factor, back_substitute, factorise, triangularise
 from shear_sim.models.hard_disc.series import first_crossing
 
 
@@ -30,7 +30,7 @@ def power(f):
     return (u**2 / f.mobility).sum(), shear + compression, abs(shear) + abs(compression)
 
 
-@pytest.mark.parametrize("pressure", [0.0, 10.0, 300.0])
+@pytest.mark.parametrize("pressure", [0.0, 10.0, 1000.0])
 def test_every_step_is_free_of_overlap_and_balances_power(pressure):
     f = packed_flow(shear=1, compression=10.0 if pressure else 0.0, pressure=pressure)
     for _ in range(400):
@@ -100,6 +100,9 @@ def test_factor_of_a_contact_matrix():
     factor = Factor(begin, row, value, pivot, np.zeros((4, 0)), np.zeros(3))
     back_substitute(factor, x)
     assert s @ (np.tile(xi, 2) * (s.T @ x)) == pytest.approx(b, rel=1e-9)
+    again = triangularise(begin, row, i, j, rx, ry, xi)
+    assert again[0] == pytest.approx(value, abs=1e-9)
+    assert again[1] == pytest.approx(pivot, rel=1e-9)
     assert len(row) < n * n / 6  # in the order of nested dissection it stays sparse
 
 

@@ -34,7 +34,11 @@ MEASURED = (
         for name, text in (
             ("scaled_shear_stress", "mean of σ ξ₀/γ̇ after the transient"),
             ("scaled_pressure", "mean of p ξ₀/|γ̇| after the transient"),
-            ("friction_coefficient", "μ = mean shear stress / mean pressure after the transient"),
+            (
+                "friction_coefficient",
+                "μ = mean shear stress / mean pressure after the transient",
+            ),
+            ("viscous_number", "J = γ̇/(ξ₀ p), of the mean pressure after the transient"),
             ("contact_number", "mean of 2 N_c/N after the transient"),
             ("mean_packing_fraction", "mean of φ after the transient"),
             ("compression_ratio", "mean of κ after the transient"),

@@ -31,7 +31,7 @@ TOUCH = 1e-13  # of the mean diameter: pairs with smaller gaps touch, and collid
 CLOSED = 2e-14  # largest gap of a contact [mean diameter] that needs no correction
 MOST_DRIFT = 1e-9  # of the gaps of contacts within a step [mean diameter]
 LONGEST_STEP = 0.05  # of path, whatever the accuracy
-STALLED = 1e-14  # steps shorter than this make no progress ...
+STALLED = 1e-14  # of path, and of the mean diameter: steps shorter than both make no progress ...
 MOST_STALLED = 2000  # ... and so many of them in a row are arrest
 
 
@@ -268,7 +268,7 @@ class Flow:
         self._move(step, u, kappa, area)
         self._strained = strained
         now.phi, now.kappa = evaluate(phi, step), float(evaluate(kappa, step))
-        self._count(step, order, kind, error)
+        self._count(step, order, kind, error, reach)
         if kind == OPENING:
             now.drop(which)
         now.settle(self.instant(), self.touch, solved=kind == COLLISION)
@@ -290,7 +290,7 @@ class Flow:
         self.height *= factor
         self.offset *= factor
 
-    def _count(self, step: float, order: int, kind: int, error: float) -> None:
+    def _count(self, step: float, order: int, kind: int, error: float, reach: float) -> None:
         """Keep the books, and give up where nothing moves any more."""
         counts = self.counts
         counts.steps += 1
@@ -301,11 +301,15 @@ class Flow:
         drift = float(np.abs(self.gap[self.set.pairs]).max(initial=0.0)) / self.unit
         counts.largest_drift = max(counts.largest_drift, drift)
         if not drift < MOST_DRIFT:
-            msg = f"contacts opened by {drift:.3g} mean diameters at path {self.path:.12g}: "
-            raise Arrested(msg + "the forces are too large to be exact")
-        self._stalled = self._stalled + 1 if step < STALLED else 0
+            msg = f"contacts opened by {drift:.3g} mean diameters within a step"
+            raise Arrested(msg)
+        if not np.isfinite(self.x).all():
+            msg = "the velocities are not finite"
+            raise Arrested(msg)
+        stalled = max(step, reach / self.unit) < STALLED
+        self._stalled = self._stalled + 1 if stalled else 0
         if self._stalled > MOST_STALLED:
-            msg = f"{MOST_STALLED} events in a row without motion at path {self.path:.12g}"
+            msg = f"{MOST_STALLED} events in a row without motion"
             raise Arrested(msg)
 
     def _close_gaps(self) -> None:

@@ -115,7 +115,7 @@ class HardDiscSimulation:
                 self.stopped += ": the forces found do not balance, so nothing is proved jammed"
         except Arrested as arrest:
             self.status = "arrested"
-            self.stopped = str(arrest)
+            self.stopped = f"arrested at path {self.flow.path:.9g}: {arrest}"
         self.done = min(wanted, self._made)
 
     def _first(self) -> None:
@@ -191,6 +191,7 @@ class HardDiscSimulation:
         protocol: dict[str, Any] = {
             "kind": shear.kind,
             "tensors": ["periodic"],
+            "impulsive": True,
             "shear_start": 0.0,
             "shear_end": float(self.records.time[-1]),
             "end": float(self.records.time[-1]),
@@ -260,6 +261,7 @@ class HardDiscSimulation:
             "scaled_pressure": mean["scaled_pressure"],
             "friction_coefficient": mean["scaled_shear_stress"]
             / (mean["scaled_pressure"] or math.nan),
+            "viscous_number": 1.0 / (mean["scaled_pressure"] or math.nan),
             "contact_number": mean["contact_number"],
             "mean_packing_fraction": mean["packing_fraction"],
             "compression_ratio": mean["compression_ratio"],

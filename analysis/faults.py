@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -181,15 +181,15 @@ BLOWS: dict[str, Callable[[int, random.Random], None]] = {
 }
 
 
-def blows(study: Study, fault: str, count: int, rng: random.Random) -> Row:
-    """Strike sweeps at random moments, each going on with what the last has left."""
+def blows(study: Study, faults: Sequence[str], count: int, rng: random.Random) -> Row:
+    """Strike sweeps at random moments, in turn, each going on with what the last has left."""
     lost = survived = since = 0
     study.anew()
     for blow in range(count):
         before = study.finished()
         process = study.start()
         time.sleep(rng.uniform(0, study.seconds))
-        BLOWS[fault](process.pid, rng)
+        BLOWS[faults[blow % len(faults)]](process.pid, rng)
         process.communicate()
         now_lost = study.lost(before)
         lost += now_lost
@@ -199,7 +199,7 @@ def blows(study: Study, fault: str, count: int, rng: random.Random) -> Row:
             survived += since if study.same() else 0
             since = 0
             study.anew()
-    return Row(fault, count, survived, lost)
+    return Row(" or ".join(faults), count, survived, lost)
 
 
 def damage(study: Study, fault: str, count: int, rng: random.Random) -> Row:
@@ -330,7 +330,7 @@ def main() -> None:
         study = Study(Path(folder))
         for n, fault in enumerate(BLOWS):
             count = (chosen.kills + n) // len(BLOWS)
-            rows.append(blows(study, fault, count, rng))
+            rows.append(blows(study, [fault], count, rng))
             print(rows[-1], flush=True)
         for fault in ("truncated result", "flipped bit in a result"):
             rows.append(damage(study, fault, chosen.damages, rng))

@@ -20,6 +20,7 @@ run the same job write the same bytes.
 import contextlib
 import json
 import os
+import tempfile
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -121,6 +122,8 @@ class Results:
             for name in ("jobs", "failed", "checkpoints", "tables", "figures", "logs"):
                 (self.folder / name).mkdir(parents=True, exist_ok=True)
                 remove_partial(self.folder / name)
+            with tempfile.TemporaryFile(dir=self.jobs):
+                pass  # or nothing of this would have been written
             for path in self.checkpoints.glob("*.pickle"):
                 if self.job_file(path.stem).exists():  # by another run of the same job
                     path.unlink(missing_ok=True)

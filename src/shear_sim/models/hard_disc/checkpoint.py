@@ -16,8 +16,8 @@ Arrays = dict[str, NDArray[Any]]
 
 _FLOW = (
     "x", "y", "radius", "mobility", "width", "height", "offset", "accuracy", "longest_step", "path",
-    "squeezed", "unit", "touch", "skin", "bonds", "permanent", "moved", "_spent", "_strained",
-    "_range", "_stalled",
+    "squeezed", "unit", "disc_area", "touch", "skin", "bonds", "permanent", "moved", "_spent",
+    "_strained", "_range", "_stalled",
 )  # fmt: skip
 _SET = ("pairs", "phi", "open_pairs", "kappa", "factorisations")
 

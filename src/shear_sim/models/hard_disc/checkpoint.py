@@ -19,7 +19,7 @@ _FLOW = (
     "squeezed", "unit", "disc_area", "touch", "skin", "bonds", "permanent", "moved", "_spent",
     "_strained", "_range", "_stalled",
 )  # fmt: skip
-_SET = ("pairs", "phi", "open_pairs", "kappa", "factorisations")
+_SET = ("pairs", "phi", "open_pairs", "kappa", "factorisations", "dependent")
 
 
 def freeze(flow: Flow) -> Arrays:

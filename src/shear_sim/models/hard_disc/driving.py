@@ -22,6 +22,7 @@ from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 
+ROUNDING = 1e-12  # of sums of path
 FIRST_COMPRESSION = 10.0  # κ at fixed pressure until the first contact
 
 
@@ -51,7 +52,8 @@ def make_records(shear: HardDiscShear, rows: int) -> Records:
         ends = np.cumsum([0.0, *(stage.length for stage in shear.stages)])
         turns = np.array([float(stage.shear) for stage in shear.stages])
         strain = np.interp(path, ends, np.cumsum([0.0, *(turns * np.diff(ends))]))
-        stage = np.searchsorted(ends[1:-1], path, side="left")  # at an end: the one that ends
+        # At an end: the one that ends.
+        stage = np.searchsorted(ends[1:-1] * (1.0 + ROUNDING), path, side="left")
         return Records(path, path / shear.rate, strain, shear.rate * turns[stage], shear.rate * one)
     if isinstance(shear, HardDiscSelfPropulsion | HardDiscBodyForce):
         path = shear.duration * share

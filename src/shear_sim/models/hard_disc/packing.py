@@ -214,11 +214,14 @@ def read_start(packing: HardDiscPacking) -> Start:
         raise ValueError(msg)
     try:
         data = json.loads(content)
-        x, y, radius = (np.array(data[name], np.float64) for name in ("x", "y", "radius"))
-        mobility = np.array(data.get("mobility", np.ones(len(x))), np.float64)
-        bonds = np.array(data.get("bonds", []), np.int32).reshape(-1, 2)
+        data = {"mobility": [1.0] * len(data["x"]), "bonds": [], "offset": 0.0} | data
+        x, y, radius, mobility = (
+            np.array(data[name], np.float64).reshape(-1)
+            for name in ("x", "y", "radius", "mobility")
+        )
+        bonds = np.array(data["bonds"], np.int32).reshape(-1, 2)
         width, height = float(data["width"]), float(data["height"])
-        offset = float(data.get("offset", 0.0))
+        offset = float(data["offset"])
     except (KeyError, TypeError, ValueError) as error:
         msg = f"is no state of hard discs: {error!r}"
         raise ValueError(msg) from None

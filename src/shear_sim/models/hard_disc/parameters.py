@@ -342,7 +342,7 @@ class HardDiscPoint(Point):
         elif isinstance(shear, HardDiscCompression):
             default = max(20, math.ceil(1000 * abs(shear.compression)))
         elif isinstance(shear, HardDiscStages):
-            default = max(20, math.ceil(1000 * shear.length))
+            default = max(20, math.ceil(1000 * shear.length * (1 - 1e-12)))
         elif isinstance(shear, HardDiscSelfPropulsion | HardDiscBodyForce):
             default = max(20, math.ceil(10 * shear.duration))
         else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shear_sim.models.hard_disc.active_set import Arrested, Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify, is_proof
 from shear_sim.models.hard_disc.columns import COLUMNS
-from shear_sim.models.hard_disc.driving import make_driving, make_records
+from shear_sim.models.hard_disc.driving import ROUNDING, make_driving, make_records
 from shear_sim.models.hard_disc.flow import Contacts, Dense, Flow, contacts_at
 from shear_sim.models.hard_disc.packing import make_start
 from shear_sim.models.hard_disc.parameters import (
@@ -83,7 +83,10 @@ class HardDiscSimulation:
                 elif self.flow.path < min(self.driving.until, self.path[-1]):
                     self.flow.step(min(self.driving.until, float(self.path[-1])), self._look)
                 elif self.driving.until < self.path[-1]:
-                    self.driving.change(self.flow)
+                    if self.path[self._made] <= self.driving.until * (1.0 + ROUNDING):
+                        self._first()  # a record of the change is of the drive that ends
+                    else:
+                        self.driving.change(self.flow)
                 else:  # the last record is the end of the path, to round-off
                     self._first()
         except Jammed as jam:
@@ -205,6 +208,7 @@ class HardDiscSimulation:
                 "openings": counts.openings,
                 "steps": counts.steps,
                 "factorisations": flow.set.factorisations,
+                "dependent_contacts": flow.set.dependent,
                 "neighbour_lists": counts.rebuilds,
                 "mean_order": counts.orders / max(1, counts.steps),
             },

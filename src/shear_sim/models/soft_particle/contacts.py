@@ -19,10 +19,10 @@ import numpy as np
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
 from shear_sim.models.soft_particle.state import (
+    FEATURES,
     ONE_SIDED,
     SEPARATION,
     SLIDING,
-    SLOTS,
     TOO_MANY_RUNS,
     Chains,
     Lists,
@@ -34,125 +34,122 @@ from shear_sim.models.soft_particle.state import (
 )
 
 DEEPEST = -0.5  # signed distance / (r + r) behind which a ring is not touched from outside
-FEATURES = 64  # of one vertex at once
 
 
-@jit(inline="always")
+@jit
 def features(
-    chains: Chains, x: Floats, y: Floats, v: int, s: int, kind: int, found: Floats
+    after: Ints,
+    before: Ints,
+    x: Floats,
+    y: Floats,
+    reach: float,
+    v: int,
+    s: int,
+    kind: int,
+    found: Floats,
+    base: int,
 ) -> int:
     """Write the features of vertex ``v`` at segment ``s`` and its ends to ``found`` (·, 7).
 
     A row is: coefficient, overlap [m], normal (from the chain to v), the two vertices that carry
-    the force and the share of the second. Returns the number of rows.
+    the force and the share of the second. ``reach`` is the distance of touching [m], ``base`` the
+    first row to be written. Returns the number of rows that are written now, ``base`` included.
     """
-    j = chains.after[s]
-    reach = chains.radius[chains.chain[v]] + chains.radius[chains.chain[s]]
+    j = after[s]
     qx, qy = x[v] - x[s], y[v] - y[s]
     ex, ey = x[j] - x[s], y[j] - y[s]
     square = ex * ex + ey * ey
-    share = (qx * ex + qy * ey) / square
-    count = 0
-    if 0.0 < share < 1.0:
+    along = qx * ex + qy * ey
+    if 0.0 < along < square:
         length = np.sqrt(square)
         distance = (ey * qx - ex * qy) / length
         nx, ny = ey / length, -ex / length
         if kind != ONE_SIDED and distance < 0.0:
             distance, nx, ny = -distance, -nx, -ny
         if DEEPEST * reach < distance < reach:
-            found[0, 0], found[0, 1] = 1.0, reach - distance
-            found[0, 2], found[0, 3] = nx, ny
-            found[0, 4], found[0, 5], found[0, 6] = s, j, share
-            count = 1
+            found[base, 0], found[base, 1] = 1.0, reach - distance
+            found[base, 2], found[base, 3] = nx, ny
+            found[base, 4], found[base, 5], found[base, 6] = s, j, along / square
+            base += 1
     near = qx * qx + qy * qy
     if near < reach * reach:
-        i = chains.before[s]
-        coefficient = 1.0 if share <= 0.0 else 0.0
+        i = before[s]
+        coefficient = 1.0 if along <= 0.0 else 0.0
         side = 1.0
         if i >= 0:
             ax, ay = x[s] - x[i], y[s] - y[i]
             coefficient += (1.0 if qx * ax + qy * ay >= 0.0 else 0.0) - 1.0
             if kind == ONE_SIDED and coefficient * (ax * ey - ay * ex) < 0.0:
                 side = -1.0  # inside a convex corner, or behind a concave one
-        if coefficient != 0.0:
-            distance = np.sqrt(near)
-            if side > 0.0 or distance < -DEEPEST * reach:
-                found[count, 0], found[count, 1] = coefficient, reach - side * distance
-                found[count, 2], found[count, 3] = side * qx / distance, side * qy / distance
-                found[count, 4], found[count, 5], found[count, 6] = s, s, 0.0
-                count += 1
-    if share >= 1.0 and chains.after[j] < 0:  # the open end of a chain
+        distance = np.sqrt(near)
+        if coefficient != 0.0 and (side > 0.0 or distance < -DEEPEST * reach):
+            found[base, 0], found[base, 1] = coefficient, reach - side * distance
+            found[base, 2], found[base, 3] = side * qx / distance, side * qy / distance
+            found[base, 4], found[base, 5], found[base, 6] = s, s, 0.0
+            base += 1
+    if along >= square and after[j] < 0:  # the open end of a chain
         qx, qy = x[v] - x[j], y[v] - y[j]
         near = qx * qx + qy * qy
         if near < reach * reach:
             distance = np.sqrt(near)
-            found[count, 0], found[count, 1] = 1.0, reach - distance
-            found[count, 2], found[count, 3] = qx / distance, qy / distance
-            found[count, 4], found[count, 5], found[count, 6] = j, j, 0.0
-            count += 1
-    return count
+            found[base, 0], found[base, 1] = 1.0, reach - distance
+            found[base, 2], found[base, 3] = qx / distance, qy / distance
+            found[base, 4], found[base, 5], found[base, 6] = j, j, 0.0
+            base += 1
+    return base
 
 
 @jit
 def contact_forces(
-    chains: Chains,
-    lists: Lists,
-    rules: Rules,
-    motion: Motion,
-    springs: Springs,
-    work: Work,
+    chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, work: Work
 ) -> int:
     """Add the contact forces of all vertices and segments; return a status.
 
-    With friction, what a vertex touches of one stretch of a chain is one contact: the normal is
-    that of the sum of its features' forces, the reaction is shared out as they are, and one spring
-    resists the sliding,
-
-        δf_t = −k_t δu_t,   |f_t| ≤ μ f_n                                               (SP.7)
-
-    It is carried along with the contact from segment to segment. Friction acts on the mid-lines; its
-    moment is given back to the segments as a couple, and u_t is the displacement that does its
-    work: zero where chain and vertex turn together.
+    Dashpots multiply the force of a feature by 1 − β ḣ⁻ (Hunt & Crossley), so that they keep the
+    sums of (SP.6) and never pull.
     """
-    x, y = motion.x, motion.y
-    found = np.empty((FEATURES, 7))
-    owner = np.empty(FEATURES, np.int32)
-    frictional = rules.friction > 0.0
+    x, y, px, py = motion.x, motion.y, motion.px, motion.py
+    fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
+    chain, radius, found, owner = chains.chain, chains.radius, work.found, work.owner
     closest = work.closest[0]
     for v in range(x.shape[0]):
         count = 0
         for c in range(lists.start[v], lists.start[v + 1]):
-            if count + 2 > FEATURES:
-                return TOO_MANY_RUNS
             s = lists.segment[c]
-            more = features(chains, x, y, v, s, lists.kind[c], found[count:])
-            for q in range(count, count + more):
+            reach = radius[chain[v]] + radius[chain[s]]
+            first = count
+            count = features(
+                chains.after, chains.before, x, y, reach, v, s, lists.kind[c], found, first
+            )
+            if count + 3 > FEATURES:
+                return TOO_MANY_RUNS
+            for q in range(first, count):
                 owner[q] = s
-                reach = chains.radius[chains.chain[v]] + chains.radius[chains.chain[s]]
                 closest = min(closest, 1.0 - found[q, 1] / reach)
                 force = found[q, 0] * rules.stiffness * found[q, 1]
                 a, b, w = int(found[q, 4]), int(found[q, 5]), found[q, 6]
                 nx, ny = found[q, 2], found[q, 3]
-                motion.fx[v] += force * nx
-                motion.fy[v] += force * ny
-                motion.fx[a] -= (1.0 - w) * force * nx
-                motion.fy[a] -= (1.0 - w) * force * ny
-                motion.fx[b] -= w * force * nx
-                motion.fy[b] -= w * force * ny
+                fx[v] += force * nx
+                fy[v] += force * ny
+                fx[a] -= (1.0 - w) * force * nx
+                fy[a] -= (1.0 - w) * force * ny
+                fx[b] -= w * force * nx
+                fy[b] -= w * force * ny
                 if rules.dashpot > 0.0:
-                    ux = motion.px[v] - (1.0 - w) * motion.px[a] - w * motion.px[b]
-                    uy = motion.py[v] - (1.0 - w) * motion.py[a] - w * motion.py[b]
-                    # Never so fast that the contact would pull.
+                    ux = px[v] - (1.0 - w) * px[a] - w * px[b]
+                    uy = py[v] - (1.0 - w) * py[a] - w * py[b]
                     loss = -force * min(1.0, rules.dashpot * (ux * nx + uy * ny))
-                    motion.dx[v] += loss * nx
-                    motion.dy[v] += loss * ny
-                    motion.dx[a] -= (1.0 - w) * loss * nx
-                    motion.dy[a] -= (1.0 - w) * loss * ny
-                    motion.dx[b] -= w * loss * nx
-                    motion.dy[b] -= w * loss * ny
-            count += more
-        if frictional:
-            status = _friction(chains, rules, motion, springs, work, v, found, owner, count)
+                    dx[v] += loss * nx
+                    dy[v] += loss * ny
+                    dx[a] -= (1.0 - w) * loss * nx
+                    dy[a] -= (1.0 - w) * loss * ny
+                    dx[b] -= w * loss * nx
+                    dy[b] -= w * loss * ny
+        if rules.friction > 0.0:
+            status = friction(
+                v, count, found, owner, work.run, chains.before, chains.after, rules, x, y,
+                motion.vx, motion.vy, fx, fy, springs.segment, springs.force, work.energy,
+            )  # fmt: skip
             if status != 0:
                 return status
     work.closest[0] = closest
@@ -160,39 +157,69 @@ def contact_forces(
 
 
 @jit
-def _friction(
-    chains: Chains,
-    rules: Rules,
-    motion: Motion,
-    springs: Springs,
-    work: Work,
+def friction(
     v: int,
+    count: int,
     found: Floats,
     owner: Ints,
-    count: int,
+    run: Ints,
+    before: Ints,
+    after: Ints,
+    rules: Rules,
+    x: Floats,
+    y: Floats,
+    vx: Floats,
+    vy: Floats,
+    fx: Floats,
+    fy: Floats,
+    held: Ints,
+    spring: Floats,
+    energy: Floats,
 ) -> int:
-    """Gather the features of vertex ``v`` into contacts and let each slide or stick."""
-    run = np.full(FEATURES, -1, np.int32)
+    """Let each contact of vertex ``v`` stick or slide; return a status.
+
+    What a vertex touches of one stretch of a chain is one contact: its normal is that of the sum
+    of its features' forces, the reaction is shared out as they are, and one spring resists sliding,
+
+        δf_t = −k_t δu_t,   |f_t| ≤ μ f_n                                               (SP.7)
+
+    carried along from segment to segment. Friction acts on the mid-lines; its moment is given back
+    to the segments as a couple, and u_t is the displacement that does its work: zero where chain
+    and vertex turn together, so that it is objective as well.
+
+    Parameters
+    ----------
+    v, count : int
+        Vertex, and number of rows of ``found`` and ``owner``, see ``features``.
+    run : (FEATURES,)
+        Room.
+    held, spring : (V, SLOTS)
+        Springs of the step before, replaced by those of now.
+    energy : (ENERGIES,)
+        Added to [J/m].
+    """
     runs = 0
     for q in range(count):
+        run[q] = -1
         for p in range(q):
-            if run[q] < 0 and _neighbours(chains, owner[p], owner[q]):
-                run[q] = run[p]
-            elif run[q] >= 0 and run[p] != run[q] and _neighbours(chains, owner[p], owner[q]):
-                gone = run[p]  # the first and the last segment of a ring
-                for m in range(q):
-                    if run[m] == gone:
-                        run[m] = run[q]
+            if _neighbours(after, owner[p], owner[q]):
+                if run[q] < 0:
+                    run[q] = run[p]
+                elif run[p] != run[q]:  # the first and the last segments of a ring
+                    gone = run[p]
+                    for m in range(q):
+                        if run[m] == gone:
+                            run[m] = run[q]
         if run[q] < 0:
             run[q] = runs
             runs += 1
-    old_segment = springs.segment[v].copy()
-    old_force = springs.force[v].copy()
-    springs.segment[v, :] = -1
-    slot = 0
+    most_slots = held.shape[1]
+    for m in range(most_slots):
+        if held[v, m] >= 0:
+            held[v, m] = -2 - held[v, m]  # of the step before, not seen yet
     for r in range(runs):
-        sx = sy = 0.0
-        main, most = -1, 0.0
+        sx = sy = most = 0.0
+        main = -1
         for q in range(count):
             if run[q] == r:
                 sx += found[q, 0] * found[q, 1] * found[q, 2]
@@ -205,104 +232,89 @@ def _friction(
         nx, ny = sx / total, sy / total
         tx, ty = -ny, nx
 
-        before = 0.0
-        for m in range(SLOTS):
-            if old_segment[m] >= 0 and _neighbours(chains, old_segment[m], main):
-                before = old_force[m]
-                old_segment[m] = -1
+        slot, old = -1, 0.0
+        for m in range(most_slots):
+            if held[v, m] < -1 and _neighbours(after, -2 - held[v, m], main):
+                slot, old = m, spring[v, m]
                 break
+        if slot < 0:
+            for m in range(most_slots):
+                if held[v, m] == -1:
+                    slot = m
+                    break
+        if slot < 0:
+            return TOO_MANY_RUNS
 
         # Displacement of v against the chain, and the lever that is left to the couple.
-        ux, uy = motion.vx[v], motion.vy[v]
+        ux, uy = vx[v], vy[v]
         cx = cy = turn = 0.0
         for q in range(count):
             if run[q] != r:
                 continue
             share = found[q, 0] * found[q, 1] * (found[q, 2] * nx + found[q, 3] * ny) / total
             a, b, w = int(found[q, 4]), int(found[q, 5]), found[q, 6]
-            ux -= share * ((1.0 - w) * motion.vx[a] + w * motion.vx[b])
-            uy -= share * ((1.0 - w) * motion.vy[a] + w * motion.vy[b])
-            cx += share * ((1.0 - w) * motion.x[a] + w * motion.x[b])
-            cy += share * ((1.0 - w) * motion.y[a] + w * motion.y[b])
-            turn += share * _turning(chains, motion, a, b)
-        lever = (motion.x[v] - cx) * ty - (motion.y[v] - cy) * tx
+            ux -= share * ((1.0 - w) * vx[a] + w * vx[b])
+            uy -= share * ((1.0 - w) * vy[a] + w * vy[b])
+            cx += share * ((1.0 - w) * x[a] + w * x[b])
+            cy += share * ((1.0 - w) * y[a] + w * y[b])
+            for side in range(2):
+                k = _bar(before, after, a, b, side)
+                j = after[k]
+                ex, ey = x[j] - x[k], y[j] - y[k]
+                cross = ex * (vy[j] - vy[k]) - ey * (vx[j] - vx[k])
+                turn += 0.5 * share * cross / (ex * ex + ey * ey)
+        lever = (x[v] - cx) * ty - (y[v] - cy) * tx
         slip = (ux * tx + uy * ty - lever * turn) * rules.step
-        force = before - rules.tangential * slip
+        force = old - rules.tangential * slip
         limit = rules.friction * rules.stiffness * total
         if np.abs(force) > limit:
             force = limit if force > 0.0 else -limit
-            slid = slip + (force - before) / rules.tangential
-            work.energy[SLIDING] -= 0.5 * (before + force) * slid
-        if slot == SLOTS:
-            return TOO_MANY_RUNS
-        springs.segment[v, slot] = main
-        springs.force[v, slot] = force
-        slot += 1
+            slid = slip + (force - old) / rules.tangential
+            energy[SLIDING] -= 0.5 * (old + force) * slid
+        held[v, slot] = main
+        spring[v, slot] = force
 
-        motion.fx[v] += force * tx
-        motion.fy[v] += force * ty
+        fx[v] += force * tx
+        fy[v] += force * ty
         for q in range(count):
             if run[q] != r:
                 continue
             share = found[q, 0] * found[q, 1] * (found[q, 2] * nx + found[q, 3] * ny) / total
             a, b, w = int(found[q, 4]), int(found[q, 5]), found[q, 6]
-            motion.fx[a] -= (1.0 - w) * share * force * tx
-            motion.fy[a] -= (1.0 - w) * share * force * ty
-            motion.fx[b] -= w * share * force * tx
-            motion.fy[b] -= w * share * force * ty
-            _couple(chains, motion, a, b, -share * force * lever)
-    for m in range(SLOTS):
-        if old_segment[m] >= 0:
-            work.energy[SEPARATION] += 0.5 * old_force[m] * old_force[m] / rules.tangential
+            fx[a] -= (1.0 - w) * share * force * tx
+            fy[a] -= (1.0 - w) * share * force * ty
+            fx[b] -= w * share * force * tx
+            fy[b] -= w * share * force * ty
+            for side in range(2):
+                k = _bar(before, after, a, b, side)
+                j = after[k]
+                ex, ey = x[j] - x[k], y[j] - y[k]
+                couple = -0.5 * share * force * lever / (ex * ex + ey * ey)
+                fx[j] -= couple * ey
+                fy[j] += couple * ex
+                fx[k] += couple * ey
+                fy[k] -= couple * ex
+    for m in range(most_slots):
+        if held[v, m] < -1:
+            energy[SEPARATION] += 0.5 * spring[v, m] * spring[v, m] / rules.tangential
+            held[v, m] = -1
     return 0
 
 
 @jit
-def _neighbours(chains: Chains, one: int, other: int) -> bool:
+def _neighbours(after: Ints, one: np.int32, other: np.int32) -> bool:
     """Tell whether two segments are the same or follow each other."""
-    return one == other or chains.after[one] == other or chains.after[other] == one
+    return bool(one == other or after[one] == other or after[other] == one)
 
 
 @jit
-def _bars(chains: Chains, a: int, b: int) -> tuple[int, int]:
-    """Return the bars that take the couple of a feature: a–b, or those on both sides of a = b."""
+def _bar(before: Ints, after: Ints, a: int, b: int, side: int) -> int:
+    """Return a segment that takes half the couple of a feature: its own, or those beside a = b."""
     if a != b:
-        return a, a
-    i, j = chains.before[a], chains.after[a]
-    if i < 0:
-        return a, a
-    if j < 0:
-        return i, i
-    return i, a
-
-
-@jit
-def _bar_turning(chains: Chains, motion: Motion, k: int) -> float:
-    """Return the rate of turning [1/s] of segment ``k``."""
-    j = chains.after[k]
-    ex, ey = motion.x[j] - motion.x[k], motion.y[j] - motion.y[k]
-    ux, uy = motion.vx[j] - motion.vx[k], motion.vy[j] - motion.vy[k]
-    return float((ex * uy - ey * ux) / (ex * ex + ey * ey))
-
-
-@jit
-def _turning(chains: Chains, motion: Motion, a: int, b: int) -> float:
-    """Return the rate of turning [1/s] of the chain at a feature, see ``_bars``."""
-    one, other = _bars(chains, a, b)
-    return 0.5 * (_bar_turning(chains, motion, one) + _bar_turning(chains, motion, other))
-
-
-@jit
-def _couple(chains: Chains, motion: Motion, a: int, b: int, moment: float) -> None:
-    """Add a couple [N] to the chain at a feature, half to each of ``_bars``."""
-    for k in _bars(chains, a, b):
-        j = chains.after[k]
-        ex, ey = motion.x[j] - motion.x[k], motion.y[j] - motion.y[k]
-        per_length = 0.5 * moment / (ex * ex + ey * ey)
-        motion.fx[j] -= per_length * ey
-        motion.fy[j] += per_length * ex
-        motion.fx[k] += per_length * ey
-        motion.fy[k] -= per_length * ex
+        return a
+    if side == 0 and before[a] >= 0:
+        return int(before[a])
+    return a if after[a] >= 0 else int(before[a])
 
 
 @jit
@@ -362,26 +374,25 @@ def contact_energy(
     chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, walls: Walls
 ) -> tuple[float, float]:
     """Return the energies [J/m] of the normal and of the tangential springs of all contacts."""
+    x, y = motion.x, motion.y
     normal = tangential = 0.0
     found = np.empty((4, 7))
-    for v in range(motion.x.shape[0]):
+    for v in range(x.shape[0]):
+        r = chains.radius[chains.chain[v]]
         for c in range(lists.start[v], lists.start[v + 1]):
+            s = lists.segment[c]
             count = features(
-                chains, motion.x, motion.y, v, lists.segment[c], lists.kind[c], found
-            )
+                chains.after, chains.before, x, y, r + chains.radius[chains.chain[s]], v, s,
+                lists.kind[c], found, 0,
+            )  # fmt: skip
             for q in range(count):
                 normal += 0.5 * found[q, 0] * rules.stiffness * found[q, 1] ** 2
-        for m in range(SLOTS):
+        for m in range(springs.segment.shape[1]):
             if springs.segment[v, m] >= 0:
                 tangential += 0.5 * springs.force[v, m] ** 2 / rules.tangential
         for w in range(walls.nx.shape[0]):
-            overlap = (
-                chains.radius[chains.chain[v]]
-                + walls.position[w]
-                - (motion.x[v] * walls.nx[w] + motion.y[v] * walls.ny[w])
-            )
+            overlap = r + walls.position[w] - (x[v] * walls.nx[w] + y[v] * walls.ny[w])
             if overlap > 0.0:
                 normal += rules.stiffness * overlap**2
-            if springs.wall[w, v] != 0.0:
-                tangential += 0.5 * springs.wall[w, v] ** 2 / rules.tangential
+            tangential += 0.5 * springs.wall[w, v] ** 2 / rules.tangential
     return normal, tangential

@@ -76,7 +76,7 @@ def shell_forces(
     ----------
     x, y, px, py : (V,)
         Positions [m] and predicted velocities [m/s].
-    scratch : (7, V)
+    scratch : (6, V)
         Room.
     damped : bool
         Whether any chain has dashpots; else ``dx``, ``dy`` are not touched.

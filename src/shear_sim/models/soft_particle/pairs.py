@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shear_sim.cell import Floats
+from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
 from shear_sim.models.soft_particle.state import ONE_SIDED, TWO_SIDED, Chains, Lists
 from shear_sim.neighbours import find_pairs
@@ -20,22 +20,33 @@ def distance_to_segment(
 
 
 @jit
-def _listed(chains: Chains, x: Floats, y: Floats, v: int, s: int, skin: float) -> int:
+def contact_kind(
+    chain: Ints,
+    closed: Ints,
+    start: Ints,
+    after: Ints,
+    radius: Floats,
+    rest_length: Floats,
+    x: Floats,
+    y: Floats,
+    v: int,
+    s: int,
+    skin: float,
+) -> int:
     """Return the kind of the contact that vertex ``v`` may have with segment ``s``, or −1."""
-    j = chains.after[s]
+    j = after[s]
     if j < 0 or s == v or j == v:
         return -1
-    one, other = chains.chain[v], chains.chain[s]
-    reach = chains.radius[one] + chains.radius[other]
-    kind = ONE_SIDED if chains.closed[other] == 1 else TWO_SIDED
+    one, other = chain[v], chain[s]
+    reach = radius[one] + radius[other]
+    kind = ONE_SIDED if closed[other] == 1 else TWO_SIDED
     if one == other:
         # What is near along the chain is kept apart by hinges, not by contacts.
-        first = chains.start[one]
-        count = chains.start[one + 1] - first
+        count = start[one + 1] - start[one]
         steps = min(abs(v - s), abs(v - j))
-        if chains.closed[one] == 1:
+        if closed[one] == 1:
             steps = min(steps, count - max(abs(v - s), abs(v - j)))
-        if steps <= max(3, int(np.ceil(0.5 * np.pi * reach / chains.rest_length[s]))):
+        if steps <= max(3, int(np.ceil(0.5 * np.pi * reach / rest_length[s]))):
             return -1
         kind = TWO_SIDED
     near = distance_to_segment(x[v], y[v], x[s], y[s], x[j], y[j]) < reach + skin
@@ -43,6 +54,51 @@ def _listed(chains: Chains, x: Floats, y: Floats, v: int, s: int, skin: float) -
 
 
 @jit
+def sort_by_vertex(
+    chain: Ints,
+    closed: Ints,
+    start: Ints,
+    after: Ints,
+    radius: Floats,
+    rest_length: Floats,
+    x: Floats,
+    y: Floats,
+    i: Ints,
+    j: Ints,
+    skin: float,
+) -> tuple[Ints, Ints, Ints]:
+    """Return the lists of `near_segments` from the pairs ``i``, ``j`` (P,) of near vertices."""
+    vertices = x.shape[0]
+    kind = np.empty((2, i.shape[0]), np.int32)
+    begin = np.zeros(vertices + 1, np.int32)
+    for q in range(i.shape[0]):
+        for way in range(2):
+            v, s = (i[q], j[q]) if way == 0 else (j[q], i[q])
+            kind[way, q] = contact_kind(
+                chain, closed, start, after, radius, rest_length, x, y, v, s, skin
+            )
+            if kind[way, q] >= 0:
+                begin[v + 1] += 1
+    for v in range(vertices):
+        begin[v + 1] += begin[v]
+    segment = np.empty(begin[vertices], np.int32)
+    kinds = np.empty(begin[vertices], np.int32)
+    filled = np.zeros(vertices, np.int32)
+    for q in range(i.shape[0]):
+        for way in range(2):
+            if kind[way, q] < 0:
+                continue
+            v, s = (i[q], j[q]) if way == 0 else (j[q], i[q])
+            # In the order of segments, whatever cells the vertices lie in: sums keep their order.
+            at = begin[v] + filled[v]
+            while at > begin[v] and segment[at - 1] > s:
+                segment[at], kinds[at] = segment[at - 1], kinds[at - 1]
+                at -= 1
+            segment[at], kinds[at] = s, kind[way, q]
+            filled[v] += 1
+    return begin, segment, kinds
+
+
 def near_segments(chains: Chains, x: Floats, y: Floats, skin: float) -> Lists:
     """Return the segments that each vertex may touch before anything has moved by ``skin``/2.
 
@@ -53,42 +109,18 @@ def near_segments(chains: Chains, x: Floats, y: Floats, skin: float) -> Lists:
     skin : float
         Listed are segments closer than the two radii plus this [m].
     """
-    vertices = x.shape[0]
-    longest = 0.0
-    for k in range(vertices):
-        j = chains.after[k]
-        if j >= 0:
-            longest = max(longest, np.hypot(x[j] - x[k], y[j] - y[k]))
+    ahead = np.where(chains.after >= 0, chains.after, np.arange(len(x)))
+    longest = float(np.hypot(x[ahead] - x, y[ahead] - y).max())
     # A segment that is near has its first vertex within its length of that.
-    reach = 2.0 * chains.radius.max() + longest
-    half = np.full(vertices, 0.5 * reach)
-    x0, y0 = x.min(), y.min()
-    width = x.max() - x0 + 2.0 * (reach + skin)
-    height = y.max() - y0 + 2.0 * (reach + skin)
+    reach = 2.0 * float(chains.radius.max()) + longest
+    x0, y0 = float(x.min()), float(y.min())
+    width = float(x.max()) - x0 + 2.0 * (reach + skin)
+    height = float(y.max()) - y0 + 2.0 * (reach + skin)
+    half = np.full(len(x), 0.5 * reach)
     _, i, j, _, _ = find_pairs(x - x0, y - y0, half, skin, width, height, 0.0)
-
-    start = np.zeros(vertices + 1, np.int32)
-    for q in range(i.shape[0]):
-        start[i[q] + 1] += 1 if _listed(chains, x, y, i[q], j[q], skin) >= 0 else 0
-        start[j[q] + 1] += 1 if _listed(chains, x, y, j[q], i[q], skin) >= 0 else 0
-    for v in range(vertices):
-        start[v + 1] += start[v]
-    segment = np.empty(start[vertices], np.int32)
-    kinds = np.empty(start[vertices], np.int32)
-    fill = start[:-1].copy()
-    for q in range(i.shape[0]):
-        for v, s in ((i[q], j[q]), (j[q], i[q])):
-            kind = _listed(chains, x, y, v, s, skin)
-            if kind >= 0:
-                segment[fill[v]] = s
-                kinds[fill[v]] = kind
-                fill[v] += 1
-    # In the order of segments, whatever cells the vertices lie in: sums keep their order.
-    for v in range(vertices):
-        for a in range(start[v] + 1, start[v + 1]):
-            s, kind, b = segment[a], kinds[a], a
-            while b > start[v] and segment[b - 1] > s:
-                segment[b], kinds[b] = segment[b - 1], kinds[b - 1]
-                b -= 1
-            segment[b], kinds[b] = s, kind
-    return Lists(start, segment, kinds)
+    return Lists(
+        *sort_by_vertex(
+            chains.chain, chains.closed, chains.start, chains.after, chains.radius,
+            chains.rest_length, x, y, i, j, skin,
+        )
+    )  # fmt: skip

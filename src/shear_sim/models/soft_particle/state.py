@@ -21,6 +21,7 @@ RUNNING, LISTS_USED_UP, NOT_FINITE, CROSSED, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # st
 STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)
 ENERGIES = 8
 
+FEATURES = 64  # of the contacts of one vertex
 SLOTS = 4  # separate places where one vertex can touch with friction at once
 
 
@@ -121,7 +122,10 @@ class Work(NamedTuple):
     energy: Floats  # (ENERGIES,) [J/m]
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
     closest: Floats  # (1,) least signed distance / (r + r) of any contact so far
-    scratch: Floats  # (7, V)
+    scratch: Floats  # (6, V) room for bars and hinges
+    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.features``
+    owner: Ints  # (FEATURES,)
+    run: Ints  # (FEATURES,)
 
 
 def springs(vertices: int, walls: int) -> Springs:
@@ -132,3 +136,16 @@ def springs(vertices: int, walls: int) -> Springs:
         np.zeros((walls, vertices)),
     )
 
+
+
+def work(vertices: int) -> Work:
+    """Return the ledger of a march that begins."""
+    return Work(
+        np.zeros(ENERGIES),
+        np.zeros(1),
+        np.full(1, np.inf),
+        np.zeros((6, vertices)),
+        np.zeros((FEATURES, 7)),
+        np.zeros(FEATURES, np.int32),
+        np.zeros(FEATURES, np.int32),
+    )

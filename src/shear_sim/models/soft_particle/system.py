@@ -19,7 +19,6 @@ from shear_sim.models.soft_particle.state import (
     DAMPING,
     DRAG,
     DRAINED,
-    ENERGIES,
     GAS,
     HOLLOW,
     IMPOSED,
@@ -32,8 +31,8 @@ from shear_sim.models.soft_particle.state import (
     Chains,
     Rules,
     Walls,
-    Work,
     springs,
+    work,
 )
 
 FloatArray = NDArray[np.float64]
@@ -173,9 +172,7 @@ class System:
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
         self.walls = Walls(*table.T.copy(), *np.zeros((3, len(table))))
         self.springs = springs(vertices, len(table))
-        self.work = Work(
-            np.zeros(ENERGIES), np.zeros(1), np.full(1, math.inf), np.zeros((7, vertices))
-        )
+        self.work = work(vertices)
         self.skin = 2.0 * thin
         self.steps = 0
         self.damped = bool(

@@ -21,6 +21,7 @@ from shear_sim.models.soft_particle.state import (
     LISTS_USED_UP,
     NOT_FINITE,
     RUNNING,
+    TOO_FAST,
     Chains,
     Lists,
     Motion,
@@ -69,6 +70,7 @@ def march(
     work: Work,
     steps: int,
     room: float,
+    leap: float,
     damped: bool,
 ) -> tuple[int, int]:
     """Make ``steps`` steps, or as many as the lists are good for.
@@ -77,6 +79,8 @@ def march(
     ----------
     room : float
         Displacement of any vertex that the lists allow for [m].
+    leap : float
+        Longest way of a vertex in one step, beyond which it could pass a segment unseen [m].
     damped : bool
         Whether chains have dashpots.
 
@@ -117,6 +121,8 @@ def march(
             motion.py[k] = vy[k] + half * ay
         if not np.isfinite(fastest):
             return step, NOT_FINITE
+        if fastest * dt * dt > leap * leap:
+            return step, TOO_FAST
         work.travelled[0] += dt * np.sqrt(fastest)
         for w in range(planes):
             if walls.mass[w] > 0.0:

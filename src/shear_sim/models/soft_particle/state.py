@@ -15,7 +15,7 @@ from shear_sim.cell import Floats, Ints
 HOLLOW, ELASTIC, DRAINED, GAS, LOGARITHMIC = 0, 1, 2, 3, 4
 CORE_LAWS = ("none", "elastic", "drained", "gas", "log")
 
-RUNNING, LISTS_USED_UP, NOT_FINITE, CROSSED, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # status of a march
+RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # status of a march
 
 # Work done and energy lost so far, each by its own force [J/m]: places in ``Work.energy``.
 STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)

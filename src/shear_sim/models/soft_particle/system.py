@@ -28,6 +28,7 @@ from shear_sim.models.soft_particle.state import (
     SEPARATION,
     SLIDING,
     STRETCH_YIELD,
+    TOO_FAST,
     Chains,
     Rules,
     Walls,
@@ -36,6 +37,7 @@ from shear_sim.models.soft_particle.state import (
 )
 
 FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
 
 FRACTION = 0.2  # of the longest stable step
 CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
@@ -174,6 +176,7 @@ class System:
         self.springs = springs(vertices, len(table))
         self.work = work(vertices)
         self.skin = 2.0 * thin
+        self.leap = 0.5 * thin
         self.steps = 0
         self.damped = bool(
             self.chains.stretch_damping.any() or self.chains.bend_damping.any()
@@ -221,13 +224,29 @@ class System:
         while self.steps < target:
             done, status = march(
                 self.chains, self.lists, self.rules, self.motion, self.springs, self.walls,
-                self.work, target - self.steps, self.skin, self.damped,
+                self.work, target - self.steps, self.skin, self.leap, self.damped,
             )  # fmt: skip
             self.steps += done
             if status == LISTS_USED_UP:
                 status = RUNNING
                 self._list()
             self._guard(status)
+
+    def hold(self, vertices: IndexArray, vx: float | None = 0.0, vy: float | None = 0.0) -> None:
+        """Impose the velocity [m/s] of ``vertices``, in x, y or both (None: free).
+
+        Call ``begin`` afterwards, if an energy balance is wanted.
+        """
+        motion = self.motion
+        for free, speeds, value in ((motion.free_x, motion.vx, vx), (motion.free_y, motion.vy, vy)):
+            free[vertices] = 0.0 if value is not None else 1.0
+            if value is not None:
+                speeds[vertices] = value
+
+    def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
+        """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
+        self.motion.gx[vertices] += fx
+        self.motion.gy[vertices] += fy
 
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""
@@ -240,6 +259,11 @@ class System:
         problem = ""
         if status == NOT_FINITE or not np.isfinite(x.sum() + y.sum()):
             problem = "a position is not finite: a shorter time_step, or slower walls"
+        elif status == TOO_FAST:
+            problem = (
+                "a vertex moves by more than half its radius in one step: a shorter time_step, "
+                "slower walls, or less load"
+            )
         elif status != RUNNING:
             problem = "a vertex touches too many segments: larger segments, or thinner shells"
         elif self.work.closest[0] < 0.5 * DEEPEST:

@@ -104,7 +104,7 @@ def test_a_vertex_in_a_notch_keeps_its_energy():
     arm = 2.0 * np.array([np.sin(half), np.cos(half)])
     notch = [(-arm[0], arm[1]), (0, 0), (arm[0], arm[1])]
     worst = []
-    for fraction in (0.05, 0.025):
+    for fraction in (0.1, 0.025):
         s, v = probe(notch, (0.05, 0.25), closed=False, tail=(0.0, 50.0))
         s.rules = s.rules._replace(step=fraction * s.stable_step)
         s.load(np.array([v]), fy=-0.05)
@@ -119,8 +119,8 @@ def test_a_vertex_in_a_notch_keeps_its_energy():
             missing.append(s.budget().missing)
         assert crossed > 10
         worst.append(np.abs(missing).max() / scale)
-    assert worst[0] < 2e-3
-    assert worst[1] < worst[0] / 3
+    assert worst[1] < 1e-3
+    assert worst[1] < worst[0] / 10
 
 
 def test_a_ring_is_touched_from_outside_only():

@@ -62,7 +62,7 @@ def test_every_command_explains_itself_with_an_example():
     runner = CliRunner()
     names = [c.callback.__name__.replace("_", "-") for c in cli.app.registered_commands]
     running = ["sweep", "plan", "run", "status", "show"]
-    assert names == [*running, "aggregate", "import-legacy", "report", "accuracy"]
+    assert names == [*running, "aggregate", "import-legacy", "report", "accuracy", "schema"]
     for name in names:
         shown = runner.invoke(cli.app, [name, "--help"])
         assert shown.exit_code == 0

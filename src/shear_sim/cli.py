@@ -313,6 +313,30 @@ def accuracy(
     raise typer.Exit(1 if failed else 0)
 
 
+@app.command()
+def schema(
+    model: Annotated[str, typer.Argument(help="Model of the study file.")] = "microgel",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="JSON Schema, for editors that complete and check.")
+    ] = False,
+) -> None:
+    """Print the study-file reference: every key, its default, unit, limits and source.
+
+    The reference is itself a study file, one job with all defaults, to be copied from.
+
+    Examples: shear-sim schema hard_disc; shear-sim schema --json > study.schema.json
+    """
+    from shear_sim import models, reference
+
+    if model not in models.KINDS:
+        msg = f"no model {model!r}: one of {', '.join(models.KINDS)}"
+        raise typer.BadParameter(msg)
+    if as_json:
+        typer.echo(_json(reference.json_schema(model)))
+    else:
+        typer.echo(reference.study_reference(model), nl=False)
+
+
 def _tell() -> None:
     from shear_sim.screen import COMPILING
 

@@ -9,7 +9,7 @@ from shear_sim.models.soft_particle.system import System
 def polygon(rng, vertices=9, radius=1.0, x=0.0, y=0.0):
     """A wobbly ring, convex and concave corners."""
     points = ring_points(vertices, radius) * rng.uniform(0.8, 1.2, (vertices, 1))
-    return points + (x, y)
+    return points + np.array([x, y])
 
 
 def ring(

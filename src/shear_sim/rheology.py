@@ -30,7 +30,7 @@ TENSORS = {
     "internal": "shear_stress_internal",
     "external": "shear_stress_external",
 }
-WITHOUT_RHEOLOGY = ("compression", "self_propelled")  # kinds of protocol
+WITHOUT_RHEOLOGY = ("compression", "self_propelled", "diametral_compression")  # kinds of protocol
 HARMONICS = 9
 #: Range outside which each quality of a run is flagged (closed). The first two are the limits of
 #: the authors of the method; a change or drift of a tenth is no stationary response.

@@ -182,5 +182,5 @@ def test_no_bodies(body, message):
 
 
 def test_a_step_over_the_bound_is_refused():
-    with pytest.raises(ValueError, match="over 0.9 of the longest stable one"):
+    with pytest.raises(ValueError, match=r"over 0\.9 of the longest stable one"):
         system(ring(), step=10.0)

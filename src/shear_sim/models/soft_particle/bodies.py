@@ -97,7 +97,7 @@ def turning_angles(points: FloatArray, closed: bool) -> FloatArray:
     )
     if not closed:
         angle[[0, -1]] = 0.0
-    return angle
+    return np.asarray(angle)
 
 
 def _check(body: Body, number: int) -> None:
@@ -164,8 +164,9 @@ def assemble(bodies: Sequence[Body]) -> tuple[Chains, Motion]:
     counts = np.array([len(body.points) for body in bodies])
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     vertices = int(start[-1])
-    before, after = np.arange(-1, vertices - 1, dtype=np.int32), np.arange(
-        1, vertices + 1, dtype=np.int32
+    before, after = (
+        np.arange(-1, vertices - 1, dtype=np.int32),
+        np.arange(1, vertices + 1, dtype=np.int32),
     )
     per_vertex = {
         name: np.zeros(vertices)
@@ -205,11 +206,11 @@ def assemble(bodies: Sequence[Body]) -> tuple[Chains, Motion]:
         per_chain["stretch_yield"][p] = shell.stretch_yield
         per_chain["bend_yield"][p] = shell.bend_yield
         # Two masses on a segment; a bar of ℓ and m turned by a hinge has m ℓ²/3.
-        per_chain["stretch_damping"][p] = 2.0 * shell.stretch_damping * math.sqrt(
-            0.5 * body.mass * shell.stretch / mean
+        per_chain["stretch_damping"][p] = (
+            2.0 * shell.stretch_damping * math.sqrt(0.5 * body.mass * shell.stretch / mean)
         )
-        per_chain["bend_damping"][p] = 2.0 * shell.bend_damping * math.sqrt(
-            body.mass * mean**2 / 3.0 * shell.bend / mean
+        per_chain["bend_damping"][p] = (
+            2.0 * shell.bend_damping * math.sqrt(body.mass * mean**2 / 3.0 * shell.bend / mean)
         )
         per_chain["core_stiffness"][p] = body.core.stiffness
         per_chain["core_pressure"][p] = body.core.pressure

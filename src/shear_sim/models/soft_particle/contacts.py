@@ -302,7 +302,7 @@ def friction(
 
 
 @jit
-def _neighbours(after: Ints, one: np.int32, other: np.int32) -> bool:
+def _neighbours(after: Ints, one: int, other: int) -> bool:
     """Tell whether two segments are the same or follow each other."""
     return bool(one == other or after[one] == other or after[other] == one)
 
@@ -341,6 +341,7 @@ def wall_forces(
                         work.energy[SEPARATION] += 0.5 * lost * lost / rules.tangential
                         springs.wall[w, v] = 0.0
                     continue
+                work.closest[0] = min(work.closest[0], 1.0 - overlap / r)
                 force = stiffness * overlap
                 push += force
                 motion.fx[v] += force * nx

@@ -24,7 +24,7 @@ def core_pressure(law: int, stiffness: float, rest: float, area0: float, area: f
         return rest
     if law == GAS:
         return rest * area0 / area
-    return rest - stiffness * np.log(area / area0)
+    return float(rest - stiffness * np.log(area / area0))
 
 
 @jit
@@ -36,8 +36,8 @@ def core_energy(law: int, stiffness: float, rest: float, area0: float, area: flo
     if law == DRAINED:
         return -rest * change
     if law == GAS:
-        return -rest * area0 * np.log(area / area0)
-    return stiffness * (area * np.log(area / area0) - change) - rest * change
+        return float(-rest * area0 * np.log(area / area0))
+    return float(stiffness * (area * np.log(area / area0) - change) - rest * change)
 
 
 @jit

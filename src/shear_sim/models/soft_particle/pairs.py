@@ -9,9 +9,7 @@ from shear_sim.neighbours import find_pairs
 
 
 @jit
-def distance_to_segment(
-    x: float, y: float, x0: float, y0: float, x1: float, y1: float
-) -> float:
+def distance_to_segment(x: float, y: float, x0: float, y0: float, x1: float, y1: float) -> float:
     """Return the distance [m] of a point from a segment, ends included."""
     ex, ey = x1 - x0, y1 - y0
     along = ((x - x0) * ex + (y - y0) * ey) / (ex * ex + ey * ey)

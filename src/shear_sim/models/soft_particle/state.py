@@ -7,7 +7,6 @@ to ``after[k]``, hinge k is at vertex k; both are stored at k. Everything is per
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 
@@ -18,8 +17,8 @@ CORE_LAWS = ("none", "elastic", "drained", "gas", "log")
 RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # status of a march
 
 # Work done and energy lost so far, each by its own force [J/m]: places in ``Work.energy``.
-STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)
-ENERGIES = 8
+STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED = range(7)
+ENERGIES = 7
 
 FEATURES = 64  # of the contacts of one vertex
 SLOTS = 4  # separate places where one vertex can touch with friction at once
@@ -121,7 +120,7 @@ class Work(NamedTuple):
 
     energy: Floats  # (ENERGIES,) [J/m]
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
-    closest: Floats  # (1,) least signed distance / (r + r) of any contact so far
+    closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
     scratch: Floats  # (6, V) room for bars and hinges
     found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.features``
     owner: Ints  # (FEATURES,)
@@ -135,7 +134,6 @@ def springs(vertices: int, walls: int) -> Springs:
         np.zeros((vertices, SLOTS)),
         np.zeros((walls, vertices)),
     )
-
 
 
 def work(vertices: int) -> Work:

@@ -15,7 +15,6 @@ from shear_sim.models.soft_particle.motion import apply_forces, march
 from shear_sim.models.soft_particle.pairs import near_segments
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
-    BROKEN,
     DAMPING,
     DRAG,
     DRAINED,
@@ -76,7 +75,6 @@ class Budget(NamedTuple):
     separation: float
     damping: float
     drag: float
-    broken: float
     missing: float
 
 
@@ -178,9 +176,7 @@ class System:
         self.skin = 2.0 * thin
         self.leap = 0.5 * thin
         self.steps = 0
-        self.damped = bool(
-            self.chains.stretch_damping.any() or self.chains.bend_damping.any()
-        )
+        self.damped = bool(self.chains.stretch_damping.any() or self.chains.bend_damping.any())
         self.begin()
 
     def begin(self) -> None:
@@ -255,9 +251,8 @@ class System:
 
     def _guard(self, status: int) -> None:
         """Stop if the state means nothing any more."""
-        chains, x, y = self.chains, self.motion.x, self.motion.y
         problem = ""
-        if status == NOT_FINITE or not np.isfinite(x.sum() + y.sum()):
+        if status == NOT_FINITE or not np.isfinite(self.motion.x.sum() + self.motion.y.sum()):
             problem = "a position is not finite: a shorter time_step, or slower walls"
         elif status == TOO_FAST:
             problem = (
@@ -268,8 +263,8 @@ class System:
             problem = "a vertex touches too many segments: larger segments, or thinner shells"
         elif self.work.closest[0] < 0.5 * DEEPEST:
             problem = (
-                "a vertex went through a segment: a larger contact stiffness, a shorter "
-                "time_step, or slower walls"
+                "a vertex went through a segment or a wall: a larger contact stiffness, a "
+                "shorter time_step, or slower walls"
             )
         else:
             problem = self._misshapen()
@@ -320,7 +315,7 @@ class System:
         square = m.vx**2 + m.vy**2 - 0.25 * dt**2 * (ax**2 + ay**2)
         return 0.5 * float((mass * square).sum())
 
-    def stored(self) -> tuple[float, float, float, float, float]:
+    def stored(self) -> tuple[float, ...]:
         """Return the energies [J/m] of bars, hinges, cores, normal and tangential springs."""
         parts = np.array(
             [
@@ -345,10 +340,10 @@ class System:
         walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
         lost = (
             energy[STRETCH_YIELD], energy[BEND_YIELD], energy[SLIDING], energy[SEPARATION],
-            energy[DAMPING], energy[DRAG], energy[BROKEN],
+            energy[DAMPING], energy[DRAG],
         )  # fmt: skip
         kinetic, stored = self.kinetic(), self.stored()
         missing = walls + forces + imposed - sum(lost) - kinetic - sum(stored) + self._at_start
         return Budget(
-            kinetic, *stored, walls, forces, imposed, *map(float, lost), float(missing)
+            *map(float, (kinetic, *stored, walls, forces, imposed, *lost, missing)),
         )

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from shear_sim.figures import style
@@ -47,6 +48,8 @@ def fixed_area(columns: Columns, stem: Path) -> None:
                 )  # fmt: skip
                 axes[row, column].set_ylabel(label)
             axes[1, column].set_xlabel(r"strain $\gamma$")
+            axes[1, column].xaxis.set_major_locator(MaxNLocator(4))
+        axes[0, 0].set(yscale="log", ylim=(0.3, None))
         axes[0, 0].axvspan(begin, begin + WINDOW, color="0.85", linewidth=0)
         figure.align_ylabels()
         print(*style.save(figure, stem)[:1])

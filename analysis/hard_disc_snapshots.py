@@ -23,7 +23,7 @@ LARGE, SMALL, WALL = "#9ecae1", "#fdd0a2", "0.45"
 
 
 def snapshot(state: dict[str, Any], stem: Path) -> None:
-    """Draw discs with their images, contacts as thick as their force, and bonds in black."""
+    """Draw discs with their images, contacts the thicker the larger √force, bonds in black."""
     x, y, radius, mobility = (np.array(state[k]) for k in ("x", "y", "radius", "mobility"))
     width, height, offset = state["width"], state["height"], state["offset"]
     i, j = (np.array(state[f"contact_{end}"], int) for end in "ij")

@@ -164,6 +164,7 @@ def main(folder: str = "analysis/figures") -> None:
         axis.set(xlabel="discs $N$", ylabel="CPU time [ms]")
         axis.set_xticks(SIZES, [str(n) for n in SIZES])
         axis.minorticks_off()
+        axis.set_ylim(0.01, 40)
         axis.legend(loc="upper left")
         print(*style.save(figure, Path(folder) / "hard_disc_speed")[:1])
     targets()

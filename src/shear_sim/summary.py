@@ -22,6 +22,7 @@ _SHOWN = {
     "steady": {"shear_stress": "τ", "viscosity": "η"},
     "compression": {"final_packing_fraction": "φ"},
     "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
+    "diametral_compression": {"final_scaled_force": "F R²/EI", "final_area_ratio": "V/V₀"},
 }
 #: Of features and contrasts: (landmark, quantity) and heading.
 _LANDMARKS = {

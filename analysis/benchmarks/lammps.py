@@ -22,8 +22,7 @@ STYLES = {  # pair_style, pair_coeff
     "hooke": ("gran/hooke/history 1.0 {kt!r} {gamma!r} {gammat!r} {mu!r} 1", "* *"),
     "granular": (
         "granular",
-        "* * hooke 1.0 {gamma!r} tangential linear_history {kt!r} {ratio!r} {mu!r} "
-        "damping mass_velocity",
+        "* * hooke 1 {gamma!r} tangential linear_history {kt!r} {ratio!r} {mu!r} damping {scaled}",
     ),
 }
 SCRIPT = """
@@ -61,7 +60,7 @@ def program() -> str:
     """Return the LAMMPS program, or end with what to do."""
     found = shutil.which("lmp")
     if found is None:
-        msg = "no program lmp: install Debian's package lammps, or choose --without lammps"
+        msg = "no program lmp: install Debian's package lammps"
         raise SystemExit(msg)
     return found
 
@@ -107,7 +106,8 @@ def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) ->
     gamma, gammat = (2 * eta / (mass / unit) for eta in (c.eta, c.etat))
     pair_style, pair_coeff = (
         line.format(
-            kt=c.kt / c.k, gamma=gamma, gammat=gammat, ratio=gammat / gamma, mu=c.friction
+            kt=c.kt / c.k, gamma=gamma, gammat=gammat, ratio=gammat / gamma, mu=c.friction,
+            scaled="mass_velocity",
         )
         for line in STYLES[style]
     )  # fmt: skip
@@ -121,7 +121,8 @@ def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) ->
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode != 0:
-        raise SystemExit(f"LAMMPS failed:\n{(folder / 'log.lammps').read_text()[-2000:]}")
+        msg = f"LAMMPS failed:\n{(folder / 'log.lammps').read_text()[-2000:]}"
+        raise SystemExit(msg)
     return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 

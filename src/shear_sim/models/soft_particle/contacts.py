@@ -112,6 +112,7 @@ def contact_forces(
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     chain, radius, found, owner = chains.chain, chains.radius, work.found, work.owner
     closest = work.closest[0]
+    frictional = rules.friction > 0.0
     for v in range(x.shape[0]):
         count = 0
         for c in range(lists.start[v], lists.start[v + 1]):
@@ -145,7 +146,8 @@ def contact_forces(
                     dy[a] -= (1.0 - w) * loss * ny
                     dx[b] -= w * loss * nx
                     dy[b] -= w * loss * ny
-        if rules.friction > 0.0:
+        if frictional and (count > 0 or work.held[v] > 0):
+            work.held[v] = count
             status = friction(
                 v, count, found, owner, work.run, chains.before, chains.after, rules, x, y,
                 motion.vx, motion.vy, fx, fy, springs.segment, springs.force, work.energy,

@@ -154,7 +154,7 @@ class Work(NamedTuple):
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
     closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
     scratch: Floats  # (8, V) room for bars and hinges
-    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.features``
+    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.friction``
     owner: Ints  # (FEATURES,)
     run: Ints  # (FEATURES,)
     held: Ints  # (V,) whether a vertex had springs of friction at the step before

@@ -97,7 +97,8 @@ def main(folder: str = "analysis/figures") -> None:
             print(f"  {len(wait)} collisions; waits: standard deviation / mean {wait.std():.2f}")
             print(f"  jumps: {(jump > 1e-6).mean():.1%} up by over 1e-6,", end=" ")
             print(
-                f"{(jump < -1e-6).mean():.1%} down, mean {jump.mean():.4f}, largest {jump.max():.2f}"
+                f"{(jump < -1e-6).mean():.1%} down, mean {jump.mean():.4f}, "
+                f"largest {jump.max():.2f}"
             )
             print(f"  {len(life)} lives: median {np.median(life):.1e} of strain")
             for axis, values, (label, low, high) in zip(axes, found, labels, strict=True):

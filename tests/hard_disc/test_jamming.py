@@ -90,7 +90,7 @@ def test_discs_with_fewer_than_three_contacts_do_not_count():
     """A chain hangs on a tetrahedron's graph: pruned one by one."""
     i = np.array([0, 0, 0, 1, 1, 2, 3, 4])
     j = np.array([1, 2, 3, 2, 3, 3, 4, 5])
-    assert constrained(i, j, 7).tolist() == [True] * 4 + [False] * 3
+    assert constrained(i, j, np.zeros(7, bool)).tolist() == [True] * 4 + [False] * 3
 
 
 def test_an_overlapping_start_is_refused():

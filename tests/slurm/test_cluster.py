@@ -21,7 +21,7 @@ from shear_sim.results import Results
 from shear_sim.tables import read_table
 
 ROOT = Path(__file__).parents[2]
-SECONDS = 90.0
+SECONDS = 300.0  # a busy machine is no reason to fail
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,7 @@ import pandas as pd
 
 from shear_sim.aggregate import make_tables
 from shear_sim.figures import style
+from shear_sim.results import Results
 
 #: Shear stress and its standard error by packing fraction, and by pressure (below 1: fractions).
 PROTOTYPE = {
@@ -37,10 +38,10 @@ def points(folder: Path) -> pd.DataFrame:
     """Return the points of a study that have runs, with their number of discs and state."""
     tables = make_tables(folder)
     steady = tables["steady"].copy()
-    study = (folder / "study.yaml").read_text()
-    discs = int(study.partition("discs:")[2].split("}")[0].split(",")[0])
+    discs = int(Results.existing(folder).index().column("packing.discs")[0].as_py())
     if "shear.scaled_pressure" not in steady:
-        raise SystemExit(f"{folder}: shear.scaled_pressure does not vary in this study")
+        message = f"{folder}: shear.scaled_pressure does not vary in this study"
+        raise SystemExit(message)
     return steady[steady["replicates"] > 0].assign(discs=discs)
 
 

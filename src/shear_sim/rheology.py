@@ -15,7 +15,7 @@ window only fixes where τ₀ is read.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -329,7 +329,7 @@ def summarise(
 
 def _jsonable(fit: Moduli) -> dict[str, Any]:
     """Return the fields with lists for tuples, as JSON gives them back."""
-    return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(fit).items()}
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in vars(fit).items()}
 
 
 def _outside(name: str, quality: Mapping[str, float | None]) -> bool | None:

@@ -5,7 +5,12 @@ import pytest
 from soft_particles import chain, forces, polygon, ring, slope, system
 
 from shear_sim.models.soft_particle.bodies import BodyError, Core, Shell, ring_points
-from shear_sim.models.soft_particle.kernels import core_energy, core_pressure
+from shear_sim.models.soft_particle.kernels import (
+    core_energy,
+    core_pressure,
+    hinge_angle,
+    shell_forces,
+)
 from shear_sim.models.soft_particle.state import BEND_YIELD, CORE_LAWS, STRETCH_YIELD
 from shear_sim.models.soft_particle.system import highest_frequency
 
@@ -41,6 +46,21 @@ def test_open_chain_force_is_the_slope_of_the_energy():
     s = system(chain([(0, 0), (1, 0.2), (2, 0), (3, 0.5), (4, 0.1)], bend=0.02))
     s.motion.y[:] += [0.1, -0.2, 0.3, 0.1, 0]
     assert forces(s) == pytest.approx(slope(s), abs=1e-9)
+
+
+def test_angles_of_hinges():
+    """As good as the arc tangent of the library, up to the angle where that takes over."""
+    angle = np.linspace(-2.69, 2.69, 20_001)
+    found = np.array([hinge_angle(np.sin(a), np.cos(a)) for a in angle])
+    assert found == pytest.approx(np.arctan2(np.sin(angle), np.cos(angle)), abs=2e-15)
+
+
+@pytest.mark.parametrize("angle", [-3.0, -2.6, 0.0, 1e-9, 2.7])
+def test_moment_of_any_angle(angle):
+    s = system(chain([(0, 0), (1, 0), (2, 0)], bend=0.5), chain([(0, 9), (1, 9), (2, 9)]))
+    s.motion.x[2], s.motion.y[2] = 1 + np.cos(angle), np.sin(angle)
+    shell_forces(s.chains, *s.motion[:2], *s.motion[4:10], s.work.energy, s.work.scratch, False)
+    assert s.chains.moment == pytest.approx([0, 0.5 * angle, 0, 0, 0, 0], abs=1e-15)
 
 
 @pytest.mark.parametrize("law", LAWS)

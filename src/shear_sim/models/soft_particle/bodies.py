@@ -201,6 +201,9 @@ def assemble(bodies: Sequence[Body]) -> tuple[Chains, Motion]:
         per_vertex["rest_length"][part] = rest
         per_vertex["rest_angle"][part] = angle if body.rest_angle is None else body.rest_angle
         per_vertex["mass"][part] = body.mass
+        if not body.closed:  # no bar after the last vertex, no hinges at the ends
+            per_vertex["stretch_stiffness"][end - 1] = 0.0
+            per_vertex["bend_stiffness"][[first, end - 1]] = 0.0
         mean = float(rest.mean())
         per_chain["radius"][p] = body.radius
         per_chain["stretch_yield"][p] = shell.stretch_yield

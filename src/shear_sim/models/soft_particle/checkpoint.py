@@ -11,7 +11,9 @@ from shear_sim.models.soft_particle.system import System
 
 Arrays = dict[str, NDArray[Any]]
 
-_FILLED = ("chains", "motion", "springs", "walls", "work")  # tuples of arrays of fixed sizes
+_FILLED = (  # tuples of arrays whose sizes the bodies, walls and links give
+    "chains", "motion", "springs", "walls", "work", "links", "rigid",
+)  # fmt: skip
 _NUMBERS = ("steps", "_at_start")
 _ARRAYS = ("_x0", "_y0")
 

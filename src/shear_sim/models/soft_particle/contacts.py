@@ -37,66 +37,60 @@ DEEPEST = -0.5  # signed distance / (r + r) behind which a ring is not touched f
 
 
 @jit
-def features(
-    after: Ints,
-    before: Ints,
-    x: Floats,
-    y: Floats,
-    reach: float,
-    v: int,
-    s: int,
-    kind: int,
-    found: Floats,
-    base: int,
-) -> int:
-    """Write the features of vertex ``v`` at segment ``s`` and its ends to ``found`` (·, 7).
+def side(
+    x: Floats, y: Floats, v: int, s: int, j: int, reach: float, kind: int
+) -> tuple[float, float, float, float]:
+    """Return overlap [m], normal and share of j where vertex ``v`` is beside the segment s–j.
 
-    A row is: coefficient, overlap [m], normal (from the chain to v), the two vertices that carry
-    the force and the share of the second. ``reach`` is the distance of touching [m], ``base`` the
-    first row to be written. Returns the number of rows that are written now, ``base`` included.
+    ``reach`` is the distance of touching [m]; without contact the overlap is 0.
     """
-    j = after[s]
     qx, qy = x[v] - x[s], y[v] - y[s]
     ex, ey = x[j] - x[s], y[j] - y[s]
     square = ex * ex + ey * ey
     along = qx * ex + qy * ey
-    if 0.0 < along < square:
-        length = np.sqrt(square)
-        distance = (ey * qx - ex * qy) / length
-        nx, ny = ey / length, -ex / length
-        if kind != ONE_SIDED and distance < 0.0:
-            distance, nx, ny = -distance, -nx, -ny
-        if DEEPEST * reach < distance < reach:
-            found[base, 0], found[base, 1] = 1.0, reach - distance
-            found[base, 2], found[base, 3] = nx, ny
-            found[base, 4], found[base, 5], found[base, 6] = s, j, along / square
-            base += 1
+    if not 0.0 < along < square:
+        return 0.0, 0.0, 0.0, 0.0
+    across = ey * qx - ex * qy
+    if across * across >= square * reach * reach:
+        return 0.0, 0.0, 0.0, 0.0
+    over = 1.0 / np.sqrt(square)
+    distance = across * over
+    nx, ny = ey * over, -ex * over
+    if distance < 0.0 and kind != ONE_SIDED:
+        distance, nx, ny = -distance, -nx, -ny
+    if distance <= DEEPEST * reach:
+        return 0.0, 0.0, 0.0, 0.0
+    return reach - distance, nx, ny, along / square
+
+
+@jit
+def corner(
+    x: Floats, y: Floats, v: int, i: int, s: int, j: int, reach: float, kind: int
+) -> tuple[float, float, float, float]:
+    """Return coefficient, overlap [m] and normal of vertex ``v`` at vertex s between i and j.
+
+    i or j may be −1, at the end of an open chain. Without contact the coefficient is 0.
+    """
+    qx, qy = x[v] - x[s], y[v] - y[s]
     near = qx * qx + qy * qy
-    if near < reach * reach:
-        i = before[s]
-        coefficient = 1.0 if along <= 0.0 else 0.0
-        side = 1.0
-        if i >= 0:
-            ax, ay = x[s] - x[i], y[s] - y[i]
-            coefficient += (1.0 if qx * ax + qy * ay >= 0.0 else 0.0) - 1.0
-            if kind == ONE_SIDED and coefficient * (ax * ey - ay * ex) < 0.0:
-                side = -1.0  # inside a convex corner, or behind a concave one
-        distance = np.sqrt(near)
-        if coefficient != 0.0 and (side > 0.0 or distance < -DEEPEST * reach):
-            found[base, 0], found[base, 1] = coefficient, reach - side * distance
-            found[base, 2], found[base, 3] = side * qx / distance, side * qy / distance
-            found[base, 4], found[base, 5], found[base, 6] = s, s, 0.0
-            base += 1
-    if along >= square and after[j] < 0:  # the open end of a chain
-        qx, qy = x[v] - x[j], y[v] - y[j]
-        near = qx * qx + qy * qy
-        if near < reach * reach:
-            distance = np.sqrt(near)
-            found[base, 0], found[base, 1] = 1.0, reach - distance
-            found[base, 2], found[base, 3] = qx / distance, qy / distance
-            found[base, 4], found[base, 5], found[base, 6] = j, j, 0.0
-            base += 1
-    return base
+    if near >= reach * reach:
+        return 0.0, 0.0, 0.0, 0.0
+    coefficient = -1.0 if i >= 0 and j >= 0 else 0.0
+    ax = ay = ex = ey = 0.0
+    if i >= 0:
+        ax, ay = x[s] - x[i], y[s] - y[i]
+        coefficient += 1.0 if qx * ax + qy * ay >= 0.0 else 0.0
+    if j >= 0:
+        ex, ey = x[j] - x[s], y[j] - y[s]
+        coefficient += 1.0 if qx * ex + qy * ey <= 0.0 else 0.0
+    distance = np.sqrt(near)
+    toward = 1.0
+    if kind == ONE_SIDED and coefficient * (ax * ey - ay * ex) < 0.0:
+        toward = -1.0  # inside a convex corner, or behind a concave one
+        if distance >= -DEEPEST * reach:
+            return 0.0, 0.0, 0.0, 0.0
+    scale = toward / distance
+    return coefficient, reach - toward * distance, scale * qx, scale * qy
 
 
 @jit
@@ -111,44 +105,60 @@ def contact_forces(
     x, y, px, py = motion.x, motion.y, motion.px, motion.py
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     chain, radius, found, owner = chains.chain, chains.radius, work.found, work.owner
+    after, before = chains.after, chains.before
     closest = work.closest[0]
+    frictional = rules.friction > 0.0
     for v in range(x.shape[0]):
         count = 0
         for c in range(lists.start[v], lists.start[v + 1]):
-            s = lists.segment[c]
+            s, kind = lists.segment[c], lists.kind[c]
+            j = after[s]
             reach = radius[chain[v]] + radius[chain[s]]
-            first = count
-            count = features(
-                chains.after, chains.before, x, y, reach, v, s, lists.kind[c], found, first
-            )
-            if count + 3 > FEATURES:
-                return TOO_MANY_RUNS
-            for q in range(first, count):
-                owner[q] = s
-                closest = min(closest, 1.0 - found[q, 1] / reach)
-                force = found[q, 0] * rules.stiffness * found[q, 1]
-                a, b, w = int(found[q, 4]), int(found[q, 5]), found[q, 6]
-                nx, ny = found[q, 2], found[q, 3]
+            # Beside the segment, at its first vertex, and at its second where the chain ends.
+            for place in range(3 if after[j] < 0 else 2):
+                if place == 0:
+                    overlap, nx, ny, w = side(x, y, v, s, j, reach, kind)
+                    coefficient, a, b = 1.0, s, j
+                elif place == 1:
+                    coefficient, overlap, nx, ny = corner(x, y, v, before[s], s, j, reach, kind)
+                    w, a, b = 0.0, s, s
+                else:
+                    coefficient, overlap, nx, ny = corner(x, y, v, s, j, -1, reach, kind)
+                    w, a, b = 0.0, j, j
+                if overlap <= 0.0 or coefficient == 0.0:
+                    continue
+                closest = min(closest, 1.0 - overlap / reach)
+                force = coefficient * rules.stiffness * overlap
+                u = 1.0 - w
                 fx[v] += force * nx
                 fy[v] += force * ny
-                fx[a] -= (1.0 - w) * force * nx
-                fy[a] -= (1.0 - w) * force * ny
+                fx[a] -= u * force * nx
+                fy[a] -= u * force * ny
                 fx[b] -= w * force * nx
                 fy[b] -= w * force * ny
                 if rules.dashpot > 0.0:
-                    ux = px[v] - (1.0 - w) * px[a] - w * px[b]
-                    uy = py[v] - (1.0 - w) * py[a] - w * py[b]
-                    loss = -force * min(1.0, rules.dashpot * (ux * nx + uy * ny))
+                    speed = (px[v] - u * px[a] - w * px[b]) * nx
+                    speed += (py[v] - u * py[a] - w * py[b]) * ny
+                    loss = -force * min(1.0, rules.dashpot * speed)
                     dx[v] += loss * nx
                     dy[v] += loss * ny
-                    dx[a] -= (1.0 - w) * loss * nx
-                    dy[a] -= (1.0 - w) * loss * ny
+                    dx[a] -= u * loss * nx
+                    dy[a] -= u * loss * ny
                     dx[b] -= w * loss * nx
                     dy[b] -= w * loss * ny
-        if rules.friction > 0.0:
+                if frictional:
+                    if count == FEATURES:
+                        return TOO_MANY_RUNS
+                    found[count, 0], found[count, 1] = coefficient, overlap
+                    found[count, 2], found[count, 3] = nx, ny
+                    found[count, 4], found[count, 5], found[count, 6] = a, b, w
+                    owner[count] = s
+                    count += 1
+        if frictional and (count > 0 or work.held[v] > 0):
+            work.held[v] = count
             status = friction(
-                v, count, found, owner, work.run, chains.before, chains.after, rules, x, y,
-                motion.vx, motion.vy, fx, fy, springs.segment, springs.force, work.energy,
+                v, count, found, owner, work.run, before, after, rules, x, y, motion.vx,
+                motion.vy, fx, fy, springs.segment, springs.force, work.energy,
             )  # fmt: skip
             if status != 0:
                 return status
@@ -190,7 +200,12 @@ def friction(
     Parameters
     ----------
     v, count : int
-        Vertex, and number of rows of ``found`` and ``owner``, see ``features``.
+        Vertex, and number of its features.
+    found : (FEATURES, 7)
+        Of each: coefficient, overlap [m], normal (from the chain to v), the two vertices that bear
+        its reaction, and the share of the second.
+    owner : (FEATURES,)
+        The segment it was found at.
     run : (FEATURES,)
         Room.
     held, spring : (V, SLOTS)
@@ -327,6 +342,7 @@ def wall_forces(
     vertices only and are twice as stiff instead.
     """
     stiffness = 2.0 * rules.stiffness
+    frictional = rules.friction > 0.0
     for w in range(walls.nx.shape[0]):
         nx, ny, at = walls.nx[w], walls.ny[w], walls.position[w]
         tx, ty = -ny, nx
@@ -336,7 +352,7 @@ def wall_forces(
             for v in range(chains.start[p], chains.start[p + 1]):
                 overlap = r - (motion.x[v] * nx + motion.y[v] * ny - at)
                 if overlap <= 0.0:
-                    if springs.wall[w, v] != 0.0:
+                    if frictional and springs.wall[w, v] != 0.0:
                         lost = springs.wall[w, v]
                         work.energy[SEPARATION] += 0.5 * lost * lost / rules.tangential
                         springs.wall[w, v] = 0.0
@@ -352,7 +368,7 @@ def wall_forces(
                     motion.dx[v] += loss * nx
                     motion.dy[v] += loss * ny
                     push += loss
-                if rules.friction > 0.0:
+                if frictional:
                     before = springs.wall[w, v]
                     slip = motion.vx[v] * tx + motion.vy[v] * ty - walls.slide[w]
                     slip *= rules.step
@@ -375,19 +391,21 @@ def contact_energy(
     chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, walls: Walls
 ) -> tuple[float, float]:
     """Return the energies [J/m] of the normal and of the tangential springs of all contacts."""
-    x, y = motion.x, motion.y
+    x, y, before, after = motion.x, motion.y, chains.before, chains.after
     normal = tangential = 0.0
-    found = np.empty((4, 7))
     for v in range(x.shape[0]):
         r = chains.radius[chains.chain[v]]
         for c in range(lists.start[v], lists.start[v + 1]):
-            s = lists.segment[c]
-            count = features(
-                chains.after, chains.before, x, y, r + chains.radius[chains.chain[s]], v, s,
-                lists.kind[c], found, 0,
-            )  # fmt: skip
-            for q in range(count):
-                normal += 0.5 * found[q, 0] * rules.stiffness * found[q, 1] ** 2
+            s, kind = lists.segment[c], lists.kind[c]
+            j = after[s]
+            reach = r + chains.radius[chains.chain[s]]
+            overlap, _, _, _ = side(x, y, v, s, j, reach, kind)
+            normal += 0.5 * rules.stiffness * overlap**2
+            coefficient, overlap, _, _ = corner(x, y, v, before[s], s, j, reach, kind)
+            normal += 0.5 * coefficient * rules.stiffness * overlap**2
+            if after[j] < 0:
+                coefficient, overlap, _, _ = corner(x, y, v, s, j, -1, reach, kind)
+                normal += 0.5 * coefficient * rules.stiffness * overlap**2
         for m in range(springs.segment.shape[1]):
             if springs.segment[v, m] >= 0:
                 tangential += 0.5 * springs.force[v, m] ** 2 / rules.tangential

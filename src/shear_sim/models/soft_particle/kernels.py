@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shear_sim.cell import Floats
+from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
@@ -51,6 +51,134 @@ def ring_area(x: Floats, y: Floats, first: int, end: int) -> float:
     return 0.5 * twice
 
 
+# The loops below run over all vertices of all chains at once, and put the ends of chains right
+# afterwards; each touches few arrays. So the compiler turns them into vector instructions.
+
+
+@jit
+def hinge_angle(sine: float, cosine: float) -> float:
+    """Return the angle of a sine and cosine, to round-off for a cosine over −0.9.
+
+    θ = 2 atan(sin θ/(1 + cos θ)), with the rational approximation of the arc tangent of the Cephes
+    library (|u| < 0.66) and atan t = π/4 + atan((t − 1)/(t + 1)) beyond: no branches.
+    """
+    t = np.abs(sine) / (1.0 + cosine)
+    far = t > 0.66
+    u = (t - 1.0) / (t + 1.0) if far else t
+    z = u * u
+    top = -8.750608600031904122785e-1
+    top = top * z - 1.615753718733365076637e1
+    top = top * z - 7.500855792314704667340e1
+    top = top * z - 1.228866684490136173410e2
+    top = top * z - 6.485021904942025371773e1
+    low = z + 2.485846490142306297962e1
+    low = low * z + 1.650270098316988542046e2
+    low = low * z + 4.328810604912902668951e2
+    low = low * z + 4.853903996359136964868e2
+    low = low * z + 1.945506571482613964425e2
+    half = u + u * z * top / low + (0.25 * np.pi if far else 0.0)
+    return float(2.0 * half if sine >= 0.0 else -2.0 * half)
+
+
+@jit
+def _differences(start: Ints, closed: Ints, x: Floats, y: Floats, ex: Floats, ey: Floats) -> None:
+    """Write the vectors of all bars; those that are none, after open chains, are (1, 0)."""
+    for k in range(x.shape[0] - 1):
+        ex[k] = x[k + 1] - x[k]
+        ey[k] = y[k + 1] - y[k]
+    for p in range(closed.shape[0]):
+        first, last = start[p], start[p + 1] - 1
+        ex[last] = x[first] - x[last] if closed[p] == 1 else 1.0
+        ey[last] = y[first] - y[last] if closed[p] == 1 else 0.0
+
+
+@jit
+def _hinge_angles(
+    start: Ints, ex: Floats, ey: Floats, over: Floats, sine: Floats, cosine: Floats
+) -> None:
+    """Write the angles of all hinges to ``sine``; at the ends of open chains it means nothing."""
+    for k in range(1, ex.shape[0]):
+        scale = over[k - 1] * over[k]
+        sine[k] = (ex[k - 1] * ey[k] - ey[k - 1] * ex[k]) * scale
+        cosine[k] = (ex[k - 1] * ex[k] + ey[k - 1] * ey[k]) * scale
+    for p in range(start.shape[0] - 1):
+        k, i = start[p], start[p + 1] - 1
+        scale = over[i] * over[k]
+        sine[k] = (ex[i] * ey[k] - ey[i] * ex[k]) * scale
+        cosine[k] = (ex[i] * ex[k] + ey[i] * ey[k]) * scale
+    folded = 0
+    for k in range(ex.shape[0]):
+        folded += 1 if cosine[k] < -0.9 else 0
+    if folded > 0:
+        for k in range(ex.shape[0]):
+            if cosine[k] < -0.9:
+                sine[k] = np.arctan2(sine[k], cosine[k])
+            else:
+                sine[k] = hinge_angle(sine[k], cosine[k])
+    else:
+        for k in range(ex.shape[0]):
+            sine[k] = hinge_angle(sine[k], cosine[k])
+
+
+@jit
+def _yield(
+    start: Ints, limits: Floats, stiffness: Floats, rest: Floats, before: Floats, now: Floats
+) -> float:
+    """Bring forces or moments ``now`` (V,) back to the limits of their chains; return the loss.
+
+    Rest lengths or angles move; the loss is the mean of the force before and after, times that.
+    """
+    loss = 0.0
+    for p in range(limits.shape[0]):
+        limit = limits[p]
+        for k in range(start[p], start[p + 1]):
+            if np.abs(now[k]) > limit:
+                bound = limit if now[k] > 0.0 else -limit
+                flow = (now[k] - bound) / stiffness[k]
+                loss += 0.5 * (before[k] + bound) * flow
+                rest[k] += flow
+                now[k] = bound
+    return loss
+
+
+@jit
+def _bar_forces(
+    start: Ints,
+    closed: Ints,
+    pull: Floats,
+    moment: Floats,
+    ex: Floats,
+    ey: Floats,
+    over: Floats,
+    bx: Floats,
+    by: Floats,
+    fx: Floats,
+    fy: Floats,
+) -> None:
+    """Write what bars do to their ends, given their pulls and the moments of hinges, to ``f``.
+
+    A bar takes the difference of the moments at its ends as a couple:
+    S = T e/ℓ + (M_k − M_j) (−e_y, e_x)/ℓ² on vertex k, −S on vertex j.
+    """
+    vertices = ex.shape[0]
+    for k in range(vertices - 1):
+        bx[k] = (pull[k] * ex[k] - (moment[k] - moment[k + 1]) * over[k] * ey[k]) * over[k]
+    for k in range(vertices - 1):
+        by[k] = (pull[k] * ey[k] + (moment[k] - moment[k + 1]) * over[k] * ex[k]) * over[k]
+    for p in range(closed.shape[0]):
+        first, k = start[p], start[p + 1] - 1
+        twist = (moment[k] - moment[first]) * over[k]
+        bx[k] = (pull[k] * ex[k] - twist * ey[k]) * over[k] if closed[p] == 1 else 0.0
+        by[k] = (pull[k] * ey[k] + twist * ex[k]) * over[k] if closed[p] == 1 else 0.0
+    for k in range(1, vertices):
+        fx[k] = bx[k] - bx[k - 1]
+        fy[k] = by[k] - by[k - 1]
+    for p in range(closed.shape[0]):
+        first, last = start[p], start[p + 1] - 1
+        fx[first] = bx[first] - bx[last]
+        fy[first] = by[first] - by[last]
+
+
 @jit
 def shell_forces(
     chains: Chains,
@@ -76,115 +204,69 @@ def shell_forces(
     ----------
     x, y, px, py : (V,)
         Positions [m] and predicted velocities [m/s].
-    scratch : (6, V)
+    scratch : (8, V)
         Room.
     damped : bool
         Whether any chain has dashpots; else ``dx``, ``dy`` are not touched.
     """
-    ex, ey, over = scratch[0], scratch[1], scratch[2]
-    turning, stretch_rate, extra = scratch[3], scratch[4], scratch[5]
-    for p in range(chains.start.shape[0] - 1):
-        first, end = chains.start[p], chains.start[p + 1]
-        closed = chains.closed[p] == 1
-        bars = end if closed else end - 1  # bars are first:bars
-        pressure = 0.0
-        if chains.core_law[p] != HOLLOW:
-            area = ring_area(x, y, first, end)
-            pressure = core_pressure(
-                chains.core_law[p], chains.core_stiffness[p], chains.core_pressure[p],
-                chains.core_area[p], area,
-            )  # fmt: skip
+    start, closed = chains.start, chains.closed
+    ex, ey, over, bx, by = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
+    one, other, new = scratch[5], scratch[6], scratch[7]
+    vertices = x.shape[0]
+    stiffness, rest = chains.stretch_stiffness, chains.rest_length
+    _differences(start, closed, x, y, ex, ey)
+    for k in range(vertices):
+        over[k] = 1.0 / np.sqrt(ex[k] * ex[k] + ey[k] * ey[k])
+    for k in range(vertices):
+        new[k] = stiffness[k] * ((ex[k] * ex[k] + ey[k] * ey[k]) * over[k] - rest[k])
+    energy[STRETCH_YIELD] += _yield(
+        start, chains.stretch_yield, stiffness, rest, chains.tension, new
+    )
+    for k in range(vertices):
+        chains.tension[k] = new[k]
 
-        limit = chains.stretch_yield[p]
-        for k in range(first, bars):
-            j = k + 1 if k + 1 < end else first
-            ex[k] = x[j] - x[k]
-            ey[k] = y[j] - y[k]
-            square = ex[k] * ex[k] + ey[k] * ey[k]
-            length = np.sqrt(square)
-            over[k] = 1.0 / length
-            tension = chains.stretch_stiffness[k] * (length - chains.rest_length[k])
-            if np.abs(tension) > limit:
-                flow = (np.abs(tension) - limit) / chains.stretch_stiffness[k]
-                if tension < 0.0:
-                    flow = -flow
-                tension = limit if tension > 0.0 else -limit
-                energy[STRETCH_YIELD] += 0.5 * (chains.tension[k] + tension) * flow
-                chains.rest_length[k] += flow
-            chains.tension[k] = tension
+    stiffness, rest = chains.bend_stiffness, chains.rest_angle
+    _hinge_angles(start, ex, ey, over, one, other)
+    for k in range(vertices):
+        new[k] = stiffness[k] * (one[k] - rest[k])
+    energy[BEND_YIELD] += _yield(start, chains.bend_yield, stiffness, rest, chains.moment, new)
+    for k in range(vertices):
+        chains.moment[k] = new[k]
+    _bar_forces(start, closed, chains.tension, chains.moment, ex, ey, over, bx, by, fx, fy)
 
-        hinges_from = first if closed else first + 1
-        hinges_to = end if closed else end - 1
-        limit = chains.bend_yield[p]
-        for k in range(hinges_from, hinges_to):
-            i = k - 1 if k > first else end - 1
-            across = ex[i] * ey[k] - ey[i] * ex[k]
-            along = ex[i] * ex[k] + ey[i] * ey[k]
-            angle = np.arctan2(across, along)
-            moment = chains.bend_stiffness[k] * (angle - chains.rest_angle[k])
-            if np.abs(moment) > limit:
-                flow = (np.abs(moment) - limit) / chains.bend_stiffness[k]
-                if moment < 0.0:
-                    flow = -flow
-                moment = limit if moment > 0.0 else -limit
-                energy[BEND_YIELD] += 0.5 * (chains.moment[k] + moment) * flow
-                chains.rest_angle[k] += flow
-            chains.moment[k] = moment
-
-        # A bar pulls its ends together and takes the difference of the moments at its ends as a
-        # couple: S = T e/ℓ + (M_k − M_j) (−e_y, e_x)/ℓ² on vertex k, −S on vertex j.
-        half = 0.5 * pressure
-        sx = sy = 0.0  # of the bar before
-        if closed:
-            k = end - 1
-            twist = (chains.moment[k] - chains.moment[first]) * over[k]
-            sx = (chains.tension[k] * ex[k] - twist * ey[k]) * over[k] - half * ey[k]
-            sy = (chains.tension[k] * ey[k] + twist * ex[k]) * over[k] + half * ex[k]
-            for k in range(first, end):
-                j = k + 1 if k + 1 < end else first
-                twist = (chains.moment[k] - chains.moment[j]) * over[k]
-                bx = (chains.tension[k] * ex[k] - twist * ey[k]) * over[k]
-                by = (chains.tension[k] * ey[k] + twist * ex[k]) * over[k]
-                fx[k] = bx + half * ey[k] - sx
-                fy[k] = by - half * ex[k] - sy
-                sx = bx - half * ey[k]
-                sy = by + half * ex[k]
-        else:
-            for k in range(first, end - 1):
-                twist = (chains.moment[k] - chains.moment[k + 1]) * over[k]
-                bx = (chains.tension[k] * ex[k] - twist * ey[k]) * over[k]
-                by = (chains.tension[k] * ey[k] + twist * ex[k]) * over[k]
-                fx[k] = bx - sx
-                fy[k] = by - sy
-                sx, sy = bx, by
-            fx[end - 1] = -sx
-            fy[end - 1] = -sy
-
-        if not damped:
+    for p in range(closed.shape[0]):
+        if chains.core_law[p] == HOLLOW:
             continue
-        for k in range(first, bars):
-            j = k + 1 if k + 1 < end else first
-            ux, uy = px[j] - px[k], py[j] - py[k]
-            turning[k] = (ex[k] * uy - ey[k] * ux) * over[k] * over[k]
-            stretch_rate[k] = (ex[k] * ux + ey[k] * uy) * over[k]
-        for k in range(first, end):
-            extra[k] = 0.0
-        for k in range(hinges_from, hinges_to):
-            i = k - 1 if k > first else end - 1
-            extra[k] = chains.bend_damping[p] * (turning[k] - turning[i])
-        for k in range(first, end):
-            dx[k] = 0.0
-            dy[k] = 0.0
-        for k in range(first, bars):
-            j = k + 1 if k + 1 < end else first
-            pull = chains.stretch_damping[p] * stretch_rate[k]
-            twist = (extra[k] - extra[j]) * over[k]
-            bx = (pull * ex[k] - twist * ey[k]) * over[k]
-            by = (pull * ey[k] + twist * ex[k]) * over[k]
-            dx[k] += bx
-            dy[k] += by
-            dx[j] -= bx
-            dy[j] -= by
+        first, end = start[p], start[p + 1]
+        area = ring_area(x, y, first, end)
+        half = 0.5 * core_pressure(
+            chains.core_law[p], chains.core_stiffness[p], chains.core_pressure[p],
+            chains.core_area[p], area,
+        )  # fmt: skip
+        fx[first] += half * (ey[first] + ey[end - 1])
+        fy[first] -= half * (ex[first] + ex[end - 1])
+        for k in range(first + 1, end):
+            fx[k] += half * (ey[k] + ey[k - 1])
+            fy[k] -= half * (ex[k] + ex[k - 1])
+
+    if not damped:
+        return
+    _differences(start, closed, px, py, bx, by)
+    for k in range(vertices):
+        one[k] = (ex[k] * by[k] - ey[k] * bx[k]) * over[k] * over[k]  # rate of turning
+    for k in range(vertices):
+        other[k] = (ex[k] * bx[k] + ey[k] * by[k]) * over[k]  # rate of length
+    for p in range(closed.shape[0]):
+        first, last = start[p], start[p + 1] - 1
+        bend, stretch = chains.bend_damping[p], chains.stretch_damping[p]
+        new[first] = bend * (one[first] - one[last])
+        for k in range(first + 1, last + 1):
+            new[k] = bend * (one[k] - one[k - 1])
+        for k in range(first, last + 1):
+            other[k] *= stretch
+        if closed[p] == 0:
+            new[first] = new[last] = other[last] = 0.0
+    _bar_forces(start, closed, other, new, ex, ey, over, bx, by, dx, dy)
 
 
 @jit

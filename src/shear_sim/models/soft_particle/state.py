@@ -17,8 +17,8 @@ CORE_LAWS = ("none", "elastic", "drained", "gas", "log")
 RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # status of a march
 
 # Work done and energy lost so far, each by its own force [J/m]: places in ``Work.energy``.
-STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED = range(7)
-ENERGIES = 7
+STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)
+ENERGIES = 8
 
 FEATURES = 64  # of the contacts of one vertex
 SLOTS = 4  # separate places where one vertex can touch with friction at once
@@ -104,6 +104,38 @@ class Walls(NamedTuple):
     work: Floats  # done by the wall so far [J/m]
 
 
+class Links(NamedTuple):
+    """L cohesive links; arrays of shape (L,), see ``links``."""
+
+    vertex: Ints
+    segment: Ints
+    brother: Ints  # link at the other end of the interface; itself if there is none
+    intact: Ints
+    share: Floats  # of the segment, where the link is fixed to it
+    across: Floats  # n·Δ and t·Δ at the start [m]
+    along: Floats
+    length: Floats  # of the interface [m]
+    pull: Floats  # normal and tangential force of now [N/m]
+    shear: Floats
+    law: Floats  # (6,) k_n, k_t [N/m²], f_n⁰, f_t⁰ [N/m], α, G_c [N/m] or 0
+
+
+class Rigid(NamedTuple):
+    """B rigid bodies; arrays of shape (B,), but for the arms."""
+
+    chain: Ints
+    mass: Floats  # [kg/m]
+    inertia: Floats  # about the centre [kg m]
+    x: Floats  # centre [m]
+    y: Floats
+    angle: Floats
+    vx: Floats  # [m/s]; at the half step within a step
+    vy: Floats
+    spin: Floats  # [1/s]
+    armx: Floats  # (V,) vertex − centre at angle 0 [m]
+    army: Floats
+
+
 class Rules(NamedTuple):
     """Constants of contacts and motion."""
 
@@ -121,10 +153,11 @@ class Work(NamedTuple):
     energy: Floats  # (ENERGIES,) [J/m]
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
     closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
-    scratch: Floats  # (6, V) room for bars and hinges
-    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.features``
+    scratch: Floats  # (8, V) room for bars and hinges
+    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.friction``
     owner: Ints  # (FEATURES,)
     run: Ints  # (FEATURES,)
+    held: Ints  # (V,) whether a vertex had springs of friction at the step before
 
 
 def springs(vertices: int, walls: int) -> Springs:
@@ -142,8 +175,9 @@ def work(vertices: int) -> Work:
         np.zeros(ENERGIES),
         np.zeros(1),
         np.full(1, np.inf),
-        np.zeros((6, vertices)),
+        np.zeros((8, vertices)),
         np.zeros((FEATURES, 7)),
         np.zeros(FEATURES, np.int32),
         np.zeros(FEATURES, np.int32),
+        np.zeros(vertices, np.int32),
     )

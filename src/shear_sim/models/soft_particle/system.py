@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,13 @@ from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.bodies import Body, assemble
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
+from shear_sim.models.soft_particle.links import glue, link_energy, no_links
 from shear_sim.models.soft_particle.motion import apply_forces, march
 from shear_sim.models.soft_particle.pairs import near_segments
+from shear_sim.models.soft_particle.rigid import freeze_shapes
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
+    BROKEN,
     DAMPING,
     DRAG,
     DRAINED,
@@ -66,6 +69,7 @@ class Budget(NamedTuple):
     core: float
     normal: float
     tangential: float
+    links: float
     by_walls: float
     by_forces: float
     by_velocities: float
@@ -75,6 +79,7 @@ class Budget(NamedTuple):
     separation: float
     damping: float
     drag: float
+    broken: float
     missing: float
 
 
@@ -173,6 +178,9 @@ class System:
         self.walls = Walls(*table.T.copy(), *np.zeros((3, len(table))))
         self.springs = springs(vertices, len(table))
         self.work = work(vertices)
+        self.links = no_links()
+        self.rigid = freeze_shapes(self.chains, self.motion, np.zeros(0, np.int32))
+        self.held = np.zeros(0, np.int32)
         self.skin = 2.0 * thin
         self.leap = 0.5 * thin
         self.steps = 0
@@ -194,8 +202,8 @@ class System:
         self.motion.px[:] = self.motion.vx
         self.motion.py[:] = self.motion.vy
         status = apply_forces(
-            self.chains, self.lists, rules, self.motion, self.springs, self.walls, self.work,
-            self.damped,
+            self.chains, self.lists, rules, self.motion, self.springs, self.links, self.walls,
+            self.work, self.damped,
         )  # fmt: skip
         self._guard(status)
 
@@ -219,8 +227,9 @@ class System:
         target = self.steps + steps
         while self.steps < target:
             done, status = march(
-                self.chains, self.lists, self.rules, self.motion, self.springs, self.walls,
-                self.work, target - self.steps, self.skin, self.leap, self.damped,
+                self.chains, self.lists, self.rules, self.motion, self.springs, self.links,
+                self.rigid, self.held, self.walls, self.work,
+                target - self.steps, self.skin, self.leap, self.damped,
             )  # fmt: skip
             self.steps += done
             if status == LISTS_USED_UP:
@@ -238,6 +247,31 @@ class System:
             free[vertices] = 0.0 if value is not None else 1.0
             if value is not None:
                 speeds[vertices] = value
+        moved = (motion.free_x == 0.0) | (motion.free_y == 0.0)
+        moved &= ~np.isin(self.chains.chain, self.rigid.chain)
+        self.held = np.flatnonzero(moved).astype(np.int32)
+
+    def make_rigid(self, particles: IndexArray) -> None:
+        """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
+        self.rigid = freeze_shapes(self.chains, self.motion, particles.astype(np.int32))
+
+    def glue(self, reach: float, **law: Any) -> None:
+        """Link the particles within ``reach`` [m], see ``links.glue``; see ``hold`` for ``begin``.
+
+        Raises
+        ------
+        ValueError
+            If none are, or the step is too long with the links.
+        """
+        self.links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
+        highest = (2.0 / self.stable_step) ** 2
+        # Two links at a vertex or segment, with at most 2 k each.
+        highest += 4.0 * float(self.links.law[:2].max()) / float(self.chains.mass.min())
+        longest = 2.0 / math.sqrt(highest)
+        if self.rules.step > 0.9 * longest:
+            msg = f"time_step = {self.rules.step:g} s is too long with links: at most {longest:.3g}"
+            raise ValueError(msg)
+        self.stable_step = longest
 
     def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
         """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
@@ -310,13 +344,18 @@ class System:
         """Return ½ Σ m v_{n−½}·v_{n+½} [J/m], the kinetic energy that (SP.9) balances."""
         m, mass, dt = self.motion, self.chains.mass, self.rules.step
         drag = self.rules.drag
+        body = self.rigid
+        rigid = 0.5 * float(
+            (body.mass * (body.vx**2 + body.vy**2) + body.inertia * body.spin**2).sum()
+        )
+        loose = ~np.isin(self.chains.chain, body.chain)
         ax = m.free_x * (m.fx + m.dx - drag * m.px) / mass
         ay = m.free_y * (m.fy + m.dy - drag * m.py) / mass
         square = m.vx**2 + m.vy**2 - 0.25 * dt**2 * (ax**2 + ay**2)
-        return 0.5 * float((mass * square).sum())
+        return rigid + 0.5 * float((mass * square)[loose].sum())
 
     def stored(self) -> tuple[float, ...]:
-        """Return the energies [J/m] of bars, hinges, cores, normal and tangential springs."""
+        """Return the energies [J/m] of bars, hinges, cores, normal, tangential springs, links."""
         parts = np.array(
             [
                 shell_energy(self.chains, self.motion.x, self.motion.y, p)
@@ -326,7 +365,8 @@ class System:
         contact = contact_energy(
             self.chains, self.lists, self.rules, self.motion, self.springs, self.walls
         )
-        return (*map(float, parts), *contact)
+        link = link_energy(self.links, self.motion.x, self.motion.y, self.chains.after)
+        return (*map(float, parts), *contact, link)
 
     def _stored_and_kinetic(self) -> float:
         return sum(self.stored()) + self.kinetic()
@@ -340,7 +380,7 @@ class System:
         walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
         lost = (
             energy[STRETCH_YIELD], energy[BEND_YIELD], energy[SLIDING], energy[SEPARATION],
-            energy[DAMPING], energy[DRAG],
+            energy[DAMPING], energy[DRAG], energy[BROKEN],
         )  # fmt: skip
         kinetic, stored = self.kinetic(), self.stored()
         missing = walls + forces + imposed - sum(lost) - kinetic - sum(stored) + self._at_start

@@ -87,7 +87,8 @@ def main() -> None:
     about = f"Flow laws of hard discs, by {command}; 95 % intervals over packings.\n\n"
     given.table.write_text(about + "\n".join(rows) + "\n")
     panels = (
-        ("friction_coefficient", r"stress ratio $\mu$"), ("mean_packing_fraction", r"packing fraction $\phi$"),
+        ("friction_coefficient", r"stress ratio $\mu$"),
+        ("mean_packing_fraction", r"packing fraction $\phi$"),
         ("contact_number", "contacts per disc $2N_c/N$"),
     )  # fmt: skip
     with style.figure(style.DOUBLE, 2.8) as figure:

@@ -58,6 +58,9 @@ def test_an_elastic_ring_follows_the_elastica(elastic):
     beta = 1 - loading["compression"][flat]
     assert loading["scaled_force"][flat] == pytest.approx(1.43554 / beta**2, rel=0.03)
     assert loading["area_ratio"][flat] == pytest.approx(2 * beta - 1.01253 * beta**2, abs=0.002)
+    measured = elastic.summary()["measured"]
+    assert measured["contact_onset"] == pytest.approx(0.2822, abs=0.01)
+    assert measured["contact_slope"] == pytest.approx(2.188, abs=0.1)
     assert soft_particle.derive(table)["stretch_share"][top] < 4e-3  # as h²: 5e-4 at h = 0.05 R
 
 

@@ -15,7 +15,7 @@ window only fixes where τ₀ is read.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -30,7 +30,6 @@ TENSORS = {
     "internal": "shear_stress_internal",
     "external": "shear_stress_external",
 }
-WITHOUT_RHEOLOGY = ("compression", "self_propelled", "diametral_compression")  # kinds of protocol
 HARMONICS = 9
 #: Range outside which each quality of a run is flagged (closed). The first two are the limits of
 #: the authors of the method; a change or drift of a tenth is no stationary response.
@@ -276,24 +275,17 @@ def summarise(
         the shear / stress amplitude; ``surface_internal_ratio``: |G*| external / internal;
         ``cycle_change``: relative change of |G*| between the last two periods; ``drift_ratio``:
         drift over one period / stress amplitude; ``jumps`` and ``largest_jump``: see `jumps`, of
-        the periodic tensor during the oscillation) and ``flags`` (``baseline_noisy``,
+        the periodic tensor during the oscillation; None where the protocol says that the stress is
+        ``impulsive``: that of rigid bodies jumps at collisions) and ``flags`` (``baseline_noisy``,
         ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
         (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
         without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
-        (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`: ``flags``, without any.
-
-    Raises
-    ------
-    ValueError
-        For a protocol of another kind.
+        (``"no_steady"``) holds the reason. Protocols of any other kind: ``flags``, without any.
     """
     if protocol["kind"] == "steady":
         return _summarise_steady(columns, protocol)
-    if protocol["kind"] in WITHOUT_RHEOLOGY:
-        return {"flags": {}}
     if protocol["kind"] != "oscillatory":
-        msg = f"protocol kind {protocol['kind']!r} is neither 'oscillatory' nor 'steady'"
-        raise ValueError(msg)
+        return {"flags": {}}
     found: dict[str, Moduli | None] = {}
     reason = None
     for each in protocol.get("tensors", TENSORS):
@@ -337,7 +329,7 @@ def summarise(
 
 def _jsonable(fit: Moduli) -> dict[str, Any]:
     """Return the fields with lists for tuples, as JSON gives them back."""
-    return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(fit).items()}
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in vars(fit).items()}
 
 
 def _outside(name: str, quality: Mapping[str, float | None]) -> bool | None:
@@ -376,7 +368,7 @@ def _jumps(
     columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]
 ) -> dict[str, float | None]:
     nothing: dict[str, float | None] = {"jumps": None, "largest_jump": None}
-    if "shear_stress" not in columns:
+    if "shear_stress" not in columns or protocol.get("impulsive", False):
         return nothing
     time, edge = columns["time"], _EDGE * protocol["period"]
     # The record at the start of the shear holds the stress before the rate jumps.

@@ -27,6 +27,7 @@ from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
     accelerate,
     add_scaled,
+    bits,
     carry_plates,
     drift,
     edge_kick,
@@ -35,6 +36,7 @@ from shear_sim.models.microgel.motion import (
     finish_row,
     kick,
     moved,
+    number,
     peak_rate,
     renew_contacts,
     segment,
@@ -578,12 +580,11 @@ def approach_time(constants: Constants, discs: Discs, work: Work, smallest_radiu
     The two fastest discs could approach by half a small radius, and a contact change its length by
     a fifth: also on its way out, or the force of the clamp would act for a whole step.
     """
-    fastest2 = 1e-300
+    largest = np.uint64(0)
     for a in range(discs.cx.shape[0]):
-        speed2 = discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a]
-        if speed2 > fastest2:
-            fastest2 = speed2
-    fastest = max(0.8 * np.sqrt(fastest2) / smallest_radius, work.closest[2])
+        cx, cy = discs.cx[a], discs.cy[a]
+        largest = max(largest, bits(cx * cx + cy * cy))
+    fastest = max(0.8 * np.sqrt(number(largest)) / smallest_radius, work.closest[2], 1e-150)
     return float(constants.step_approach / fastest)
 
 

@@ -238,16 +238,14 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
     """
     change = strain - work.strain0[0]
     middle = 0.5 * constants.height
-    farthest2 = 0.0
-    total = 0.0
-    for a in range(discs.x.shape[0]):
-        dx = discs.x[a] - work.x0[a] - change * (discs.y[a] - middle)
-        dy = discs.y[a] - work.y0[a]
-        r2 = dx * dx + dy * dy
-        total += r2  # a comparison may lose what is not a number
-        if r2 > farthest2:
-            farthest2 = r2
-    if not total < (1000.0 * constants.width) ** 2:
+    x, y, x0, y0 = discs.x, discs.y, work.x0, work.y0
+    farthest = np.uint64(0)
+    for a in range(x.shape[0]):
+        dx = x[a] - x0[a] - change * (y[a] - middle)
+        dy = y[a] - y0[a]
+        farthest = max(farthest, bits(dx * dx + dy * dy))
+    farthest2 = number(farthest)
+    if not farthest2 < (1000.0 * constants.width) ** 2:
         return np.nan
     way = 2.0 * np.sqrt(farthest2) + abs(change) * 2.0 * work.largest[0]
     if way <= constants.skin:
@@ -255,6 +253,21 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
         near = work.near[1 + min(int(NEAR * way / constants.skin), NEAR - 1)]
         work.near[0] = max(work.near[0], near)
     return float(way)
+
+
+@jit(_nrt=False)
+def bits(value: float) -> np.uint64:
+    """Return a number that is as large as another the larger ``value``, which is not negative, is.
+
+    The compiler takes maxima of whole numbers by vectors, and what is not a number is the largest.
+    """
+    return np.float64(value).view(np.uint64)
+
+
+@jit(_nrt=False)
+def number(value: np.uint64) -> float:
+    """Return what `bits` was made of."""
+    return float(np.uint64(value).view(np.float64))
 
 
 @jit(_nrt=False)

@@ -196,6 +196,129 @@ def test_paired_differences_over_packings():
         assert found[f"{name}_difference_ci_low"] < mean < found[f"{name}_difference_ci_high"]
 
 
+MODULI = np.array([300.0, 40.0])  # G′, G″ [Pa]
+AMPLITUDE, PERIOD, STEPS = 0.02, 8.0, 40
+BIAS = {1: (0.03, -0.1), 2: (0.01, -0.03), 4: (0.004, 0.02)}  # of G′ and G″, by number of steps
+FAR = {1: 0.04, 2: 0.01}  # how far discs end from where they should, in mean radii
+
+
+class StandIn:
+    """A run of known stress: 0.5 periods of rest, 2 of shear, a sine with moduli that err."""
+
+    def __init__(self, factor, moduli, displacement=0.0, cost=lambda: None):
+        self.factor, self.displacement, self.cost = factor, displacement, cost
+        self.moduli = moduli * (1 + np.array(BIAS.get(factor, (0.0, 0.0))))
+        self.rows, self.done = round(2.5 * STEPS) + 1, 0
+
+    def advance(self, rows):
+        self.done = min(self.rows, self.done + rows)
+        self.cost()
+
+    def columns(self):
+        time = np.arange(self.rows) * PERIOD / STEPS
+        phase = 2 * np.pi * (time / PERIOD - 0.5)
+        strain = AMPLITUDE * np.where(phase >= 0, np.sin(phase), 0)
+        quarter = AMPLITUDE * np.where(phase >= 0, np.cos(phase), 0)
+        stress = self.moduli[0] * strain + self.moduli[1] * quarter
+        return {"time": time, "strain": strain, "periodic_overall_xy": -stress}
+
+    def summary(self):
+        protocol = {
+            "strain_amplitude": AMPLITUDE, "period": PERIOD, "shear_start": 0.5 * PERIOD,
+            "periods": 2, "end": 2.5 * PERIOD, "steps_per_period": round(STEPS * self.factor),
+        }  # fmt: skip
+        return {"protocol": protocol, "checks": {"steps": 100, "substeps": 300}}
+
+
+class StandInPacking:
+    """Runs that start from one packing, whose moduli are ``MODULI`` times ``size``."""
+
+    schemes, scheme = ("only",), "only"
+
+    def __init__(self, size=1.0, cost=lambda: None):
+        self.size, self.cost = size, cost
+
+    def allows(self, factor):
+        return factor >= 1
+
+    def start(self, scheme=None, *, factor=Fraction(1), displacement=0.0, energy=False):  # noqa: ARG002
+        assert scheme in {None, "only"}
+        return StandIn(factor, self.size * MODULI, displacement, self.cost)
+
+    def distance(self, one, other):
+        place = [
+            3 * run.displacement + FAR.get(run.factor, 0) * (1 if run.done == run.rows else 0.5)
+            for run in (one, other)
+        ]
+        return abs(place[0] - place[1])
+
+    def energy_residual(self, simulation):
+        return 0.125 / simulation.factor
+
+
+def stand_in_job():
+    point = kelvin_voigt.KelvinVoigtPoint(model={"kind": "kelvin_voigt"})
+    return Job.create(point, 1, 0)
+
+
+def test_every_number_of_the_report(monkeypatch):
+    """Against a stand-in whose moduli, places, energies and times are known."""
+    before = [0.0] * 8  # reference, own run and verdict
+    now, costs = [0.0], iter([*before, 0.05, 0.04, 0.06, 0.07, 0.0])
+
+    def cost():
+        now[0] += next(costs)
+
+    monkeypatch.setattr(accuracy, "process_time", lambda: now[0])
+    monkeypatch.setattr(accuracy, "prepare", lambda _: StandInPacking(cost=cost))
+    found = accuracy.measure(stand_in_job(), (Fraction(1),), reference=8)
+    [run] = found.runs
+    storage, loss = MODULI
+    magnitude = math.hypot(storage, loss)
+    assert run == {
+        "scheme": "only",
+        "steps_per_period": STEPS,
+        "factor": 1.0,
+        "own": True,
+        "substeps_per_step": 3.0,
+        "cpu_per_step": pytest.approx(1e6 * 0.04 / 300),  # the fastest of four: 0.22 s are enough
+        "cpu_per_period": pytest.approx(0.04 / 2.5),
+        "magnitude_error": pytest.approx(math.hypot(1.03 * storage, 0.9 * loss) / magnitude - 1),
+        "storage_error": pytest.approx(0.03),
+        "loss_error": pytest.approx(0.1),
+        "stress_error": pytest.approx(
+            math.hypot(0.03 * storage, 0.1 * loss) / math.sqrt(2) / magnitude
+        ),
+        "position_error": pytest.approx(0.04),
+        "energy_residual": 0.125,
+        "failed": None,
+    }
+    halved = math.hypot(0.01 * storage, 0.03 * loss) / math.hypot(0.03 * storage, 0.1 * loss)
+    assert found.verdict.verdict == "convergent"
+    assert found.verdict.halved_error == pytest.approx(halved)
+    assert found.verdict.step_error == pytest.approx(0.02)  # early, at half of its way
+    assert found.verdict.twins_round_off == pytest.approx(3.0, rel=1e-5)
+    assert found.verdict.twins_step_error == pytest.approx(3.0)
+
+
+def test_paired_differences_have_the_size_and_sign_of_the_bias(monkeypatch):
+    """Own steps minus finer ones, over the mean of the latter: packings of different moduli."""
+    sizes = np.array([1.0, 2.0, 0.5, 1.5])
+    monkeypatch.setattr(accuracy, "prepare", lambda job: StandInPacking(sizes[job.replicate]))
+    differences, failed = accuracy.paired_differences(stand_in_job(), len(sizes))
+    own, finer = (MODULI * (1 + np.array(BIAS[n])) for n in (1, 4))
+    expected = [math.hypot(*own) / math.hypot(*finer) - 1, own[1] / finer[1] - 1]
+    assert expected[0] > 0.02
+    assert expected[1] < -0.1
+    assert failed == 0
+    np.testing.assert_allclose(differences, np.outer(sizes / sizes.mean(), expected), rtol=1e-9)
+    found = accuracy.compare_packings(stand_in_job(), len(sizes))
+    for name, mean in zip(("magnitude", "loss"), expected, strict=True):
+        assert found[f"{name}_difference_mean"] == pytest.approx(mean)
+        low, high = (found[f"{name}_difference_ci_{end}"] for end in ("low", "high"))
+        assert low < mean < high
+
+
 def test_the_figure_shows_every_integrator_and_the_steps_of_the_study(smooth, chaotic):
     figure = accuracy_report.draw(accuracy.runs_table([smooth, chaotic], ()))
     [legend] = figure.legends

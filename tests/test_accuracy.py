@@ -1,6 +1,8 @@
 """The accuracy report: orders, chaos, tables, figure, command."""
 
+import contextlib
 import math
+import re
 from fractions import Fraction
 
 import kelvin_voigt
@@ -16,6 +18,7 @@ from shear_sim.models.microgel.parameters import Links
 from shear_sim.models.microgel.prepared import PreparedMicrogel
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.results import ResultsError
+from shear_sim.screen import COMPILING
 from shear_sim.streams import Streams
 from shear_sim.study import Job, load_study
 from shear_sim.tables import read_table
@@ -32,10 +35,11 @@ replicates: 2
 """
 
 
-def job_of(amplitude, links=LOOSE, discs=20, **model):
+def job_of(amplitude, links=LOOSE, discs=20, relative_frequency=0.025, **model):
     shear = OscillatoryShear(
-        strain_amplitude=amplitude, pre_periods=0.2, periods=1, post_periods=0.2
-    )
+        strain_amplitude=amplitude, pre_periods=0.2, periods=1, post_periods=0.2,
+        relative_frequency=relative_frequency,
+    )  # fmt: skip
     return Job.create(packing_point(discs=discs, links=links, shear=shear, **model), 1, 0)
 
 
@@ -104,6 +108,16 @@ def test_one_run_of_the_ladder_is_the_job_itself(smooth):
     assert (own["scheme"], own["steps_per_period"]) == ("velocity_verlet", 100)
     assert own["substeps_per_step"] == 2
     assert own["cpu_per_period"] * 1.4 == pytest.approx(own["cpu_per_step"] * 280 / 1e6)
+
+
+def test_a_rung_with_the_substeps_of_a_finer_one_is_left_out(chaotic, smooth):
+    """Half the steps are cut into the same substeps, unless a step is one substep."""
+    assert [run["factor"] for run in chaotic.runs] == [1.0, 1.0]
+    job = job_of(0.01, Links(cut="bulk"), relative_frequency=1.0)
+    ladder, schemes = (Fraction(1, 2), Fraction(1)), ["velocity_verlet"]
+    found = accuracy.measure(job, ladder, schemes, reference=4, energy=False)
+    assert [run["factor"] for run in found.runs] == [0.5, 1.0]
+    assert sorted({run["factor"] for run in smooth.runs}) == [1.0, 2.0, 4.0, 8.0]
 
 
 @pytest.mark.parametrize(("factor", "steps"), [(Fraction(1, 2), 50), (Fraction(2), 200)])
@@ -175,7 +189,7 @@ def test_representative_points_are_far_from_each_other(study):
 
 def test_runs_table_has_units_and_is_read_back(smooth, chaotic, tmp_path):
     table = accuracy.runs_table([smooth, chaotic], ("shear.strain_amplitude",))
-    assert len(table) == 10 + 4
+    assert len(table) == 8 + 2
     assert (table["shear.strain_amplitude"].unique() == [0.01, 1.0]).all()
     accuracy_report.save(table, tmp_path / "accuracy")
     columns, _ = read_table(tmp_path / "accuracy.parquet")
@@ -342,16 +356,30 @@ def command(*arguments):
     return CliRunner().invoke(cli.app, ["accuracy", *map(str, arguments)])
 
 
-def test_command_writes_tables_and_figure(study, tmp_path):
+def test_command_writes_tables_and_figure(study, tmp_path, monkeypatch):
+
+    def compile_for(jobs, tell):
+        tell()  # before the jobs, and once more among them
+
+    @contextlib.contextmanager
+    def telling(tell):
+        tell()
+        yield
+
+    monkeypatch.setattr(accuracy_report, "compile_for", compile_for)
+    monkeypatch.setattr(accuracy_report, "telling", telling)
     shown = command(study.path, "--points", 2, "--packings", 2, "--results", tmp_path)
     assert shown.exit_code == 0, shown.output
     assert "2 of 12 jobs, against 32 times finer steps" in shown.output
     assert "1 convergent, 1 chaotic" in shown.output
     assert "(2 pairs)" in shown.output
+    assert "\n1 of 2: job " in shown.output
+    assert re.search(r"\n2 of 2 \(about \d+ s to go\): job ", shown.output)
+    assert shown.output.count(COMPILING) == 1
     folder = tmp_path / "small"
     assert (folder / "figures/accuracy.png").stat().st_size > 10_000
     runs = read_table(folder / "tables/accuracy.parquet").columns
-    assert len(runs["job"]) == 20
+    assert len(runs["job"]) == 16
     pairs = read_table(folder / "tables/accuracy_pairs.parquet").columns
     assert pairs["packings"].tolist() == [2]
 
@@ -360,7 +388,7 @@ def test_command_measures_one_job(study, tmp_path):
     job = study.jobs()[0].id
     shown = command(study.path, "--job", job[:8], "--packings", 0, "--results", tmp_path)
     assert shown.exit_code == 0, shown.output
-    assert f"job {job}: " in shown.output
+    assert f"\n1 of 1: job {job}, replicate " in shown.output
 
 
 def test_command_fails_with_its_jobs(study, tmp_path, monkeypatch):

@@ -420,6 +420,7 @@ def contact_forces(
         work.closest[0] = min(work.closest[0], block[CLOSEST + s])
         work.closest[1] = max(work.closest[1], block[LONGEST + s])
         work.closest[2] = max(work.closest[2], block[CLOSING + s])
+    work.closest[3] = min(work.closest[3], work.closest[0])
 
 
 @jit
@@ -550,7 +551,7 @@ def substep(constants: Constants, work: Work, size: float, rate: float) -> float
     ``size`` is the contact distance at which the law's tangent is read [m].
     """
     closest, longest = work.closest[0], work.closest[1]
-    springs = constants.step_normal
+    softer = 1.0
     if closest < 1.0:
         # Tangent stiffness at the closest contact, from the law itself.
         stiffest = max(constants.k, constants.link_k)
@@ -559,9 +560,10 @@ def substep(constants: Constants, work: Work, size: float, rate: float) -> float
         for k in (constants.k, constants.link_k):
             nearer = law(max(d - e, 0.0), size, k, constants.law)
             steepest = max(steepest, (law(d, size, k, constants.law) - nearer) / e)
-        springs *= np.sqrt(stiffest / steepest)
-    # Half of the limit of springs alone, as collisions keep energy to (h ω)²/4.
-    h = min(0.5 * springs, stable(springs, constants.step_normal_dashpot))
+        softer = np.sqrt(stiffest / steepest)
+    springs = constants.step_normal * softer
+    # Collisions keep energy to (h ω)²/4.
+    h = min(constants.step_energy * softer, stable(springs, constants.step_normal_dashpot))
     if TANGENTIAL:
         # The arms of a stretched link grow with it, and what turns the discs with their square.
         # Three quarters of the limit, where without dashpots an error would stay for ever.
@@ -661,6 +663,7 @@ def run(
             while part > 1 and (clock.step * part > longest * MOST_PIECES or at % part != 0):
                 part //= 2
             if clock.step > resolved * MOST_PIECES:
+                work.stopped[0], work.stopped[1] = (k + at / MOST_PIECES) * clock.step, strain
                 return contacts, filled, substeps, TOO_STIFF
             h = clock.step * part / MOST_PIECES
             at += part
@@ -678,6 +681,7 @@ def run(
             way = moved(discs, work, constants, strain)
             if not way <= constants.skin:
                 if np.isnan(way):
+                    work.stopped[0], work.stopped[1] = (k + at / MOST_PIECES) * clock.step, strain
                     return contacts, filled, substeps, NOT_FINITE
                 contacts = renew_contacts(discs, work, links, contacts, constants, strain)
             recording = TALLY or (record and at == MOST_PIECES)
@@ -704,5 +708,6 @@ def run(
                 energy_row(discs, work, row)
             filled += 1
             if not np.isfinite(row[3] + row[6] + row[19] + row[21]):
+                work.stopped[0], work.stopped[1] = row[0], strain
                 return contacts, filled, substeps, NOT_FINITE
     return contacts, filled, substeps, RUNNING

@@ -46,8 +46,8 @@ def draw(table: pd.DataFrame, machine: limit.Machine, stem: Path) -> None:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         style.note(
             figure,
-            "one core; medians of rounds, lines from the fastest to the slowest; both programs record "
-            "their stress at every step of 0.04 τ",
+            "one core; medians of rounds, lines from the fastest to the slowest; both programs "
+            "record their stress at every step of 0.04 τ",
         )
         style.save(figure, stem)
 

@@ -27,7 +27,7 @@ from scipy.stats import beta, qmc
 from shear_sim import accuracy
 from shear_sim.accuracy_report import TARGET, describe_pairs, draw
 from shear_sim.aggregate import save
-from shear_sim.figures import DPI
+from shear_sim.figures.style import DPI
 from shear_sim.models.microgel.parameters import Links, Microgel, MicrogelPoint
 from shear_sim.packing import Packing
 from shear_sim.protocol import OscillatoryShear

@@ -9,7 +9,7 @@ part 1, sections 7.1.5 to 7.2.2). In the second half, an isolated cluster of fri
 its angular momentum under the three lever arms of the model.
 """
 
-import sys
+import argparse
 from collections.abc import Mapping
 
 import matplotlib as mpl
@@ -161,12 +161,15 @@ def draw(curves: Mapping[str, FloatArray], path: str) -> None:
     plt.close(fig)
 
 
-def main(path: str, point: MicrogelPoint | None = None, periods: float = 40) -> None:
-    """Print the table and write the figure to ``path``."""
-    table, curves = measure(point or MicrogelPoint(), periods)
+def main() -> None:
+    """Print the table and write the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("figure", nargs="?", default="exactness.png", help="path of the figure")
+    path = parser.parse_args().figure
+    table, curves = measure(MicrogelPoint(), periods=40)
     print(table)
     draw(curves, path)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "exactness.png")
+    main()

@@ -3,8 +3,8 @@
 .venv/bin/python analysis/fig_contact_laws.py contact_laws
 """
 
+import argparse
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +35,11 @@ def table() -> pd.DataFrame:
     return pd.concat(parts)
 
 
-def main(stem: str) -> None:
-    print(*style.save(contact_laws(table()), Path(stem)))
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("stem", type=Path, help="path of the figure, without its ending")
+    print(*style.save(contact_laws(table()), parser.parse_args().stem))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -3,19 +3,23 @@
 .venv/bin/python analysis/fig_run.py results/main/jobs/3f9c21d07be4a815.parquet run
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 from shear_sim.figures import example_run, style
 from shear_sim.results import read_job
 
 
-def main(job_file: str, stem: str) -> None:
-    columns, summary = read_job(Path(job_file))
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("job_file", type=Path, help="table of one job")
+    parser.add_argument("stem", type=Path, help="path of the figure, without its ending")
+    given = parser.parse_args()
+    columns, summary = read_job(given.job_file)
     moduli = summary.get("moduli", {}).get("periodic")
     title = f"job {summary['job']['id']}, replicate {summary['job']['replicate']}"
-    print(*style.save(example_run(columns, summary["protocol"], moduli, title), Path(stem)))
+    print(*style.save(example_run(columns, summary["protocol"], moduli, title), given.stem))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -28,9 +28,9 @@ in each: the run is refused or stopped with a reason, or
 To pass, two discs must meet with more than 6 k D², the height of the clamped law.
 """
 
+import argparse
 import math
 import re
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -430,8 +430,13 @@ def energy_limit(case: Case, found: Found) -> float:
     return max(ENERGY, found.collisions) if case.energy is None else case.energy
 
 
-def main(names: list[str]) -> None:
+def main() -> None:
     """Print the table of the cases named, or of all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help="cases; default: all")
+    names = parser.parse_args().names
+    if unknown := set(names) - CASES.keys():
+        parser.error(f"no case {', '.join(sorted(unknown))}: one of {'; '.join(CASES)}")
     titles = (
         "case", "energy residual", "limit", "with 4 × the steps", "asymmetry", "momentum",
         "passed through", "closest d/D", "substeps per step", "CPU s", "verdict",
@@ -460,4 +465,4 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -1,12 +1,10 @@
 """What several test files use."""
 
-import os
 import signal
-import sys
-import uuid
 
 import pytest
 from hypothesis import HealthCheck, settings
+from tools import new_environment
 
 # Tests that are started in the background, or under nohup, inherit signals that are ignored, and so
 # would the programs that they send signals to.
@@ -27,6 +25,4 @@ settings.load_profile("any machine")
 
 @pytest.fixture
 def environment():
-    """Environment of the processes of one test, by which all of them can be found."""
-    env = {name: value for name, value in os.environ.items() if not name.startswith("SLURM")}
-    return {**env, "PYTHONPATH": os.pathsep.join(sys.path), "TEST_MARK": uuid.uuid4().hex}
+    return new_environment()

@@ -61,8 +61,8 @@ def test_help_answers_in_under_half_a_second(environment):
 def test_every_command_explains_itself_with_an_example():
     runner = CliRunner()
     names = [c.callback.__name__.replace("_", "-") for c in cli.app.registered_commands]
-    running = ["sweep", "plan", "run", "status", "show"]
-    assert names == [*running, "aggregate", "import-legacy", "report", "accuracy"]
+    running = ["sweep", "plan", "submit", "compile", "run", "status", "show", "verify"]
+    assert names == [*running, "aggregate", "import-legacy", "report", "accuracy", "schema"]
     for name in names:
         shown = runner.invoke(cli.app, [name, "--help"])
         assert shown.exit_code == 0
@@ -151,7 +151,7 @@ def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path)
         ended, output = run(env, command, *study)
         assert ended == code, output
         assert "warning: 3 damaged result file(s) left out" in output
-        assert "delete them and run `shear-sim sweep` again" in output
+        assert "see `shear-sim verify`" in output
         assert "3 done" in output or "3 of 6 jobs done" in output
     assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
 

@@ -27,6 +27,7 @@ from shear_sim.figures import (
     curves,
     draw,
     example_run,
+    flow_laws,
     landmark_parameters,
     landmarks,
     lissajous,
@@ -471,6 +472,39 @@ def test_figures_are_files_of_print_quality_and_the_same_bits_each_time(tmp_path
 
 def as_steady(name):
     return name.replace("storage_modulus", "shear_stress").replace("loss_modulus", "viscosity")
+
+
+def test_flow_laws_show_both_ensembles_where_they_are():
+    """μ(J), φ(J), contacts, viscosity and pressure: a line per scene, intervals in both ways."""
+    quantities = {
+        "friction_coefficient": (0.4, 0.2),
+        "viscous_number": (1.0, 0.1),
+        "mean_packing_fraction": (0.76, 0.81),
+        "contact_number": (2.7, 3.5),
+        "scaled_shear_stress": (0.4, 2.0),
+        "scaled_pressure": (1.0, 10.0),
+    }
+    cells = []
+    for turn, scene in enumerate(("area", "pressure")):
+        for place in range(2):
+            cell = {"scene": scene}
+            for name, values in quantities.items():
+                mean = values[place] * (1 + 0.1 * turn)
+                cell |= {f"{name}_mean": mean, f"{name}_ci_method": "BCa"}
+                cell |= {f"{name}_ci_low": 0.9 * mean, f"{name}_ci_high": 1.1 * mean}
+            cells.append(cell)
+    figure = flow_laws(points(cells))
+    first, *_, last = figure.axes
+    assert first.get_xlabel().startswith("viscous number")
+    assert first.get_ylabel().startswith("stress ratio")
+    for turn, line in enumerate(first.get_lines()):
+        assert line.get_xdata() == pytest.approx(np.array([0.1, 1.0]) * (1 + 0.1 * turn))
+        assert line.get_ydata() == pytest.approx(np.array([0.2, 0.4]) * (1 + 0.1 * turn))
+    assert len(first.collections) == 4  # intervals of both scenes, up and across
+    assert last.get_xlabel().startswith("pressure")
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["area", "pressure"]
+    with pytest.raises(ValueError, match="no law to draw"):
+        flow_laws(points(cells[:1]))
 
 
 def test_a_palette_keeps_white_and_faint_shades(tmp_path):

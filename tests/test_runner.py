@@ -84,7 +84,8 @@ def test_a_finished_job_is_not_run_again(tmp_path):
 def test_blocks_do_not_change_a_bit(tmp_path, monkeypatch):
     job = make_job(noise=1.0)
     whole = read_table(runner.run_job(job, tmp_path))
-    monkeypatch.setattr(runner, "BLOCK", 7)
+    monkeypatch.setattr(runner, "FIRST_BLOCK", 7)
+    monkeypatch.setattr(runner, "BLOCK_SECONDS", 0.0)
     (tmp_path / "again").mkdir()
     again = read_table(runner.run_job(job, tmp_path / "again"))
     assert differences(whole, again) == []

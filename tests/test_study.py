@@ -682,7 +682,13 @@ def test_reading_a_study_is_light():
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("quick", 20, 60), ("main", 1500, 1800), ("full", 20_000, 30_000), ("hard_disc", 40, 60)],
+    [
+        ("quick", 20, 60),
+        ("main", 1500, 1800),
+        ("full", 20_000, 30_000),
+        ("hard_disc", 40, 60),
+        ("soft_particle_ring", 5, 5),
+    ],
 )
 def test_configs_load_and_have_their_size(name, least, most):
     it = load_study(CONFIGS / f"{name}.yaml")
@@ -693,7 +699,13 @@ def test_configs_load_and_have_their_size(name, least, most):
 
 
 def test_every_config_file_is_tested():
-    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {"quick", "main", "full", "hard_disc"}
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {
+        "quick",
+        "main",
+        "full",
+        "hard_disc",
+        "soft_particle_ring",
+    }
 
 
 def test_the_main_study_is_the_published_one_in_small():

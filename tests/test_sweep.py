@@ -9,7 +9,15 @@ import time
 from collections import Counter
 
 import pytest
-from tools import processes, run, start, wait_until, write_study
+from tools import (
+    assert_same,
+    assert_same_but_for_the_wait,
+    processes,
+    run,
+    start,
+    wait_until,
+    write_study,
+)
 
 import shear_sim
 from shear_sim import sweep
@@ -27,13 +35,6 @@ def make(study_file, root, **options):
     results = Results(root / study.name)
     plan = make_plan(study, results, **options)
     return plan, sweep.run_plan(plan, Screen()), results
-
-
-def assert_same(one, other):
-    names = sorted(path.name for path in one.jobs.iterdir())
-    assert names == sorted(path.name for path in other.jobs.iterdir())
-    for name in names:
-        assert differences(read_table(one.jobs / name), read_table(other.jobs / name)) == []
 
 
 @pytest.fixture(scope="module")
@@ -205,22 +206,6 @@ def test_kill_9_of_the_sweep_loses_nothing_and_leaves_no_process(
     assert_same_but_for_the_wait(undisturbed, results)
 
 
-def assert_same_but_for_the_wait(undisturbed, slow):
-    """Compare columns and moduli: the slow study differs in ``model.seconds``, hence in ids."""
-
-    def facts(results):
-        tables = [read_table(path) for path in results.jobs.iterdir()]
-        return sorted(
-            (
-                [values.tobytes() for values in table.columns.values()],
-                str(table.summary["moduli"]),
-            )
-            for table in tables
-        )
-
-    assert facts(slow) == facts(undisturbed)
-
-
 def test_kill_9_of_workers_and_server_loses_their_jobs_only(undisturbed, tmp_path, environment):
     study = write_study(tmp_path, seconds=0.2)
     results = Results(tmp_path / "results/study")
@@ -260,6 +245,26 @@ def test_signals_stop_the_sweep_with_their_exit_code(number, code, tmp_path, env
     assert results.failures() == {}
     wait_until(lambda: not processes(environment), 5)
     assert {path.suffix for path in results.jobs.iterdir()} == {".parquet"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGINT])
+def test_a_stopped_job_goes_on_from_its_checkpoint(number, undisturbed, tmp_path, environment):
+    """Two jobs of 4 s do not end before the signal."""
+    study = write_study(tmp_path, seconds=4)
+    results = Results(tmp_path / "results/study")
+    arguments = ("sweep", study, "--results", tmp_path / "results", "--jobs", 2, "--limit", 2)
+    process = start(environment, *arguments)
+    wait_until(lambda: len(processes(environment)) == 4)
+    time.sleep(1.5)
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=10)
+    assert "2 job(s) will go on from checkpoints" in output
+    assert len(list(results.checkpoints.iterdir())) == 2
+    code, output = run(environment, *arguments)
+    assert code == 0, output
+    for path in results.jobs.iterdir():
+        assert read_table(path).summary["run"]["resumed"] == 1
+    assert list(results.checkpoints.iterdir()) == []
 
 
 def test_a_signal_while_compiling_stops_at_once(tmp_path, environment):

@@ -1,11 +1,16 @@
 """Studies of the stand-in model and the processes that run them."""
 
+import os
 import subprocess
 import sys
 import time
+import uuid
 from pathlib import Path
 
 import kelvin_voigt  # noqa: F401 - makes the model known
+
+from shear_sim.single import differences
+from shear_sim.tables import read_table
 
 COMMAND = "import kelvin_voigt; from shear_sim.cli import main; main()"
 STUDY = """
@@ -23,6 +28,12 @@ def write_study(folder, faults="[none]", seconds=0.0, replicates=4):
     path = folder / "study.yaml"
     path.write_text(STUDY.format(faults=faults, seconds=seconds, replicates=replicates))
     return path
+
+
+def new_environment():
+    """Return the environment of the processes of one test, by which all of them can be found."""
+    env = {name: value for name, value in os.environ.items() if not name.startswith("SLURM")}
+    return {**env, "PYTHONPATH": os.pathsep.join(sys.path), "TEST_MARK": uuid.uuid4().hex}
 
 
 def start(environment, *arguments):
@@ -60,3 +71,27 @@ def wait_until(condition, seconds=30.0):
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
     return value
+
+
+def assert_same(one, other):
+    """Two results folders hold the same jobs, the same to the bit."""
+    names = sorted(path.name for path in one.jobs.iterdir())
+    assert names == sorted(path.name for path in other.jobs.iterdir())
+    for name in names:
+        assert differences(read_table(one.jobs / name), read_table(other.jobs / name)) == []
+
+
+def assert_same_but_for_the_wait(undisturbed, slow):
+    """Compare columns and moduli: the slow study differs in ``model.seconds``, hence in ids."""
+
+    def facts(results):
+        tables = [read_table(path) for path in results.jobs.iterdir()]
+        return sorted(
+            (
+                [values.tobytes() for values in table.columns.values()],
+                str(table.summary["moduli"]),
+            )
+            for table in tables
+        )
+
+    assert facts(slow) == facts(undisturbed)

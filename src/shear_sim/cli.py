@@ -3,6 +3,7 @@
 import json
 import signal
 import sys
+import time
 import warnings
 from dataclasses import asdict
 from enum import StrEnum
@@ -104,7 +105,7 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
-    planned = _plan(study, results, shard, jobs, limit, retry_failed)
+    planned = _plan(study, results, shard, jobs, limit, retry_failed, measure=dry_run)
     typer.echo(planned)
     if not dry_run:
         from shear_sim.screen import Screen
@@ -112,7 +113,23 @@ def sweep(
 
         report = run_plan(planned, Screen())
         typer.echo(describe_report(planned, report))
+        if report.signal == signal.SIGUSR1 and report.left:
+            _requeue(planned, progress=report.progress)
         raise typer.Exit(report.exit_code)
+
+
+def _requeue(planned: "Plan", *, progress: bool) -> None:
+    """Where Slurm has warned of the end of this task: let it be run again."""
+    from shear_sim import slurm
+
+    if (task := slurm.this_task()) is None:
+        return
+    why_not = slurm.requeue(task, planned.results.logs, progress=progress)
+    if why_not is None:
+        typer.echo(f"task {task} is requeued and will go on")
+        sys.stdout.flush()
+        time.sleep(60)  # until Slurm ends it: a task that ends by itself is not run again
+    typer.echo(f"task {task} is not requeued: {why_not}; `shear-sim submit` runs what is left")
 
 
 @app.command()
@@ -131,6 +148,53 @@ def plan(
     """
     planned = _plan(study, results, shard, jobs, limit, retry_failed, quiet=as_json)
     typer.echo(_json(planned.to_json()) if as_json else planned)
+
+
+@app.command()
+def submit(
+    study: StudyFile,
+    results: Root = RESULTS,
+    minutes: Annotated[
+        int | None,
+        typer.Option("--time", metavar="MINUTES", min=1, help="Longest time limit of a task."),
+    ] = None,
+    max_tasks: Annotated[int | None, typer.Option(min=1, help="Most tasks, of all arrays.")] = None,
+    memory: Annotated[
+        int | None, typer.Option("--mem", metavar="MB", min=1, help="Memory of a task.")
+    ] = None,
+    partition: Annotated[str | None, typer.Option(help="Partition of the cluster.")] = None,
+    account: Annotated[str | None, typer.Option(help="Account to be charged.")] = None,
+    retry_failed: RetryFailed = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the scripts.")] = False,
+) -> None:
+    """Submit a study to Slurm: what is missing as an array, and the report after it.
+
+    Tasks and their time limit follow from what finished jobs have cost. The same command again
+    submits what is missing and neither waits nor runs.
+
+    Example: shear-sim submit configs/main.yaml --partition standard --time 240
+    """
+    planned = _plan(study, results, "0/1", None, None, retry_failed)
+    typer.echo(planned)
+    from shear_sim import submit as submission
+
+    limits = submission.Limits(minutes, max_tasks, memory, partition, account)
+    if submission.submit(planned, limits, typer.echo, dry_run=dry_run):
+        typer.echo(f"next: shear-sim status {planned.results.folder} --watch")
+
+
+@app.command()
+def compile(study: StudyFile) -> None:  # noqa: A001 - the name of the command
+    """Compile the kernels of a study, so that no sweep on this type of processor has to.
+
+    Example: shear-sim compile configs/main.yaml
+    """
+    loaded = _load(study)
+    from shear_sim.compiled import cache_folder
+    from shear_sim.workers import compile_for
+
+    compile_for(loaded.jobs(), _tell)
+    typer.echo(f"compiled code is in {cache_folder()}")
 
 
 @app.command()
@@ -181,17 +245,25 @@ def status(
     ],
     results: Root = RESULTS,
     as_json: Json = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Show it again every 10 s, until nothing is missing.")
+    ] = False,
 ) -> None:
     """Show how far a study is: jobs done, failed with the reason, missing; time and disk.
 
-    Example: shear-sim status results/main
+    On a cluster also the tasks that wait and run, and when the rest may be expected.
+
+    Example: shear-sim status results/main --watch
     """
+    from shear_sim import status as module
     from shear_sim.results import Results
-    from shear_sim.status import describe_status, read_status
 
     of = Results.existing(target) if target.is_dir() else _results(_load(target), results)
-    found = read_status(of)
-    typer.echo(_json(found) if as_json else describe_status(found))
+    if watch:
+        module.watch(of, _show)
+        return
+    found = module.read_status(of)
+    typer.echo(_json(found) if as_json else module.describe_status(found))
 
 
 @app.command()
@@ -213,6 +285,34 @@ def show(
     else:
         summary = read_job_summary(path)
     typer.echo(_json(summary) if as_json else f"{path}\n{describe_job(summary)}")
+
+
+@app.command()
+def verify(
+    results: ResultsFolder,
+    remove: Annotated[
+        bool, typer.Option("--remove", help="Move damaged results aside: the sweep replaces them.")
+    ] = False,
+) -> None:
+    """Read every result and compare it with its checksum; exit code 1 if any is damaged.
+
+    Damaged results stay where they are, and are left out by aggregate, until --remove moves them
+    to damaged/ and the next sweep computes them again.
+
+    Example: shear-sim verify results/main
+    """
+    from shear_sim.results import Results
+
+    of = Results.existing(results)
+    damaged = of.damaged()
+    for job, problem in damaged.items():
+        moved = f"; moved to {of.set_aside(job)}" if remove else ""
+        typer.echo(f"damaged: {problem}{moved}")
+    typer.echo(f"{len(of.finished()) + len(damaged) * remove} results, {len(damaged)} damaged")
+    if damaged:
+        how = "next: shear-sim sweep STUDY.yaml" if remove else "next: the same with --remove"
+        typer.echo(how)
+    raise typer.Exit(1 if damaged else 0)
 
 
 @app.command()
@@ -313,6 +413,35 @@ def accuracy(
     raise typer.Exit(1 if failed else 0)
 
 
+@app.command()
+def schema(
+    model: Annotated[str, typer.Argument(help="Model of the study file.")] = "microgel",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="JSON Schema, for editors that complete and check.")
+    ] = False,
+) -> None:
+    """Print the study-file reference: every key, its default, unit, limits and source.
+
+    The reference is itself a study file, one job with all defaults, to be copied from.
+
+    Examples: shear-sim schema hard_disc; shear-sim schema --json > study.schema.json
+    """
+    from shear_sim import models, reference
+
+    if model not in models.KINDS:
+        msg = f"no model {model!r}: one of {', '.join(models.KINDS)}"
+        raise typer.BadParameter(msg)
+    if as_json:
+        typer.echo(_json(reference.json_schema(model)))
+    else:
+        typer.echo(reference.study_reference(model), nl=False)
+
+
+def _show(text: str) -> None:
+    clear = "\x1b[H\x1b[2J" if sys.stdout.isatty() else ""
+    typer.echo(f"{clear}{text}")
+
+
 def _tell() -> None:
     from shear_sim.screen import COMPILING
 
@@ -330,7 +459,9 @@ def _plan(
     jobs: int | None,
     limit: int | None,
     retry_failed: bool,
+    *,
     quiet: bool = False,
+    measure: bool = True,
 ) -> "Plan":
     if not quiet:
         typer.echo(f"reading {study}")
@@ -345,6 +476,7 @@ def _plan(
         jobs=jobs,
         limit=limit,
         retry_failed=retry_failed,
+        measure=measure or part == (0, 1),
     )
 
 
@@ -398,6 +530,7 @@ def _explain(error: Exception) -> int:
     from shear_sim.legacy.headers import LegacyError
     from shear_sim.plan import PlanError
     from shear_sim.results import ResultsError
+    from shear_sim.slurm import SlurmError
     from shear_sim.sweep import FAILED, SweepError
     from shear_sim.tables import TableError
 
@@ -405,7 +538,7 @@ def _explain(error: Exception) -> int:
         typer.echo(f"shear-sim: {error}", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)
-    if not isinstance(error, SweepError | OSError):
+    if not isinstance(error, SweepError | SlurmError | OSError):
         typer.echo(
             "This is an error of the program; `shear-sim --debug ...` shows where.", err=True
         )

@@ -60,6 +60,13 @@ def processor() -> str:
 
 
 @cache
+def build_key() -> str:
+    """Return a digest of all that decides bits: sources, versions and processor."""
+    versions = [platform.python_version(), *map(version, ("numpy", "numba", "llvmlite"))]
+    return digest("\0".join([source_digest(), *versions, processor()]))
+
+
+@cache
 def cache_folder(extra: str = "") -> Path:
     """Return the folder of compiled code of these sources, versions and processor; create it.
 
@@ -75,9 +82,7 @@ def cache_folder(extra: str = "") -> Path:
     ``~/.cache/shear-sim``. A root that cannot be written is replaced, with a warning, by a
     temporary folder that this process removes when it ends.
     """
-    versions = [platform.python_version(), *map(version, ("numpy", "numba", "llvmlite"))]
-    key = digest("\0".join([source_digest(), *versions, processor()]))
-    name = f"{digest(str(_PACKAGE))[:8]}-{key}"
+    name = f"{digest(str(_PACKAGE))[:8]}-{build_key()}"
     try:
         folder = _root() / name
         _make(folder / extra)

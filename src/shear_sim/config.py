@@ -47,7 +47,7 @@ def complaints(
                 paths = tuple((*place.key, *key.split(".")) for key in keys)
                 yield Complaint(paths, message, "whole" if len(paths) > 1 else "value")
         elif entry["type"] == "extra_forbidden":
-            known = tuple(_fields(place.parent)) if place.parent else ()
+            known = tuple(fields_of(place.parent)) if place.parent else ()
             if place.parent is model:
                 known += top_level
             message = _unknown(place.key, known, model, top_level)
@@ -126,7 +126,8 @@ class _Place:
     parent: type[BaseModel] | None  # section that holds the last part
 
 
-def _fields(section: type[BaseModel]) -> dict[str, FieldInfo]:
+def fields_of(section: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the fields of a section under their names in a study file."""
     return {info.alias or name: info for name, info in section.model_fields.items()}
 
 
@@ -137,8 +138,8 @@ def sections_of(annotation: Any) -> list[type[BaseModel]]:
     return [section for part in get_args(annotation) for section in sections_of(part)]
 
 
-def _kind(section: type[BaseModel]) -> str | None:
-    """Return the tag of a member of a union of sections."""
+def kind_of(section: type[BaseModel]) -> str | None:
+    """Return the tag of a member of a union of sections, if it has one."""
     if "kind" not in section.model_fields:
         return None
     tag: str = get_args(section.model_fields["kind"].annotation)[0]
@@ -163,11 +164,11 @@ def _locate(model: type[BaseModel], loc: Key) -> _Place:
             mapping = False
             continue
         parent = section
-        info = _fields(section).get(part) if section else None
+        info = fields_of(section).get(part) if section else None
         options = sections_of(info.annotation) if info else []
         mapping = info is not None and get_origin(info.annotation) is dict
         section = options[0] if len(options) == 1 else None
-        members = {kind: option for option in options if (kind := _kind(option)) is not None}
+        members = {kind: option for option in options if (kind := kind_of(option)) is not None}
         if len(options) == 1:
             members = {}
     return _Place(key, info, parent)
@@ -202,7 +203,7 @@ def _unknown(
 @cache
 def _dotted_keys(section: type[BaseModel], prefix: str = "") -> tuple[str, ...]:
     found: dict[str, None] = {}
-    for name, info in _fields(section).items():
+    for name, info in fields_of(section).items():
         found[prefix + name] = None
         for option in sections_of(info.annotation):
             found |= dict.fromkeys(_dotted_keys(option, f"{prefix}{name}."))

@@ -65,7 +65,7 @@ class Packing(Section):
     discs: Annotated[int, Field(ge=1, le=MAX_DISCS, description="N; ⌈N/2⌉ are large")] = 150
     packing_fraction: Annotated[
         float,
-        Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent"),
+        Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent; S1-14"),
         PERCENT,
     ] = 1.5
     size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4

@@ -40,8 +40,12 @@ class Costs:
         """Return the expected cost of so many jobs of each point; None if nothing is measured."""
         if not self.measured:
             return None
-        means = {key: self._sum[key] / count for key, count in self._count.items()}
-        return sum(count * means.get(point, means[None]) for point, count in jobs.items())
+        return sum(count * (self.mean(point) or 0.0) for point, count in jobs.items())
+
+    def mean(self, point: str) -> float | None:
+        """Return the expected cost of a job of this point; None if nothing is measured."""
+        key = point if point in self._count else None
+        return self._sum[key] / self._count[key] if self.measured else None
 
 
 @dataclass(frozen=True)
@@ -164,6 +168,7 @@ def make_plan(
     limit: int | None = None,
     retry_failed: bool = False,
     jobs: int | None = None,
+    measure: bool = True,
 ) -> Plan:
     """Compare a study with its results.
 
@@ -178,18 +183,21 @@ def make_plan(
         Also run jobs that failed by physics.
     jobs : int, optional
         Number of workers, at least 1; see `default_workers`.
+    measure : bool
+        Also read what finished jobs have cost. Tasks of an array leave that alone: it would have
+        all of them read all results, and write the same index.
 
     Raises
     ------
     PlanError
         If ``jobs`` is no number above 0, or Slurm's variable holds none.
     ResultsError
-        If the results are imported ones.
+        If the results are imported ones, or of a newer version of the program.
     """
     if jobs is not None and jobs < 1:
         msg = f"jobs={jobs}: must be a whole number above 0; None is as many as there are cores"
         raise PlanError(msg)
-    results.refuse_imported()
+    results.refuse_others()
     points = {job.id: point for point, of in study.groups().items() for job in of}
     part = study.jobs()[shard[0] :: shard[1]]
     finished, failures = results.finished(), results.failures()
@@ -201,7 +209,7 @@ def make_plan(
     }
     run = [job for job in missing if job.id not in waiting]
     chosen = run[:limit]
-    cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, bool(finished))
+    cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, measure and bool(finished))
     return Plan(
         study=study,
         results=results,

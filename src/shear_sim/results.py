@@ -7,6 +7,9 @@
       plan.parquet          the jobs of the study as last planned: id, labels, varied keys
       jobs/<job id>.parquet one per finished job: series and summary
       failed/<job id>.json  one per failed job: why
+      submissions/          one file per job number of Slurm
+      checkpoints/          jobs that were stopped, or take long: they go on from there
+      damaged/              results that `shear-sim verify --remove` found and set aside
       index.parquet         summaries of all finished jobs; a cache, rebuilt at any time
       tables/ figures/ logs/
 
@@ -17,8 +20,9 @@ run the same job write the same bytes.
 import contextlib
 import json
 import os
+import tempfile
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -77,6 +81,8 @@ class Results:
         self.folder = folder
         self.jobs = folder / "jobs"
         self.failed = folder / "failed"
+        self.checkpoints = folder / "checkpoints"
+        self.submissions = folder / "submissions"
         self.tables = folder / "tables"
         self.figures = folder / "figures"
         self.logs = folder / "logs"
@@ -98,22 +104,32 @@ class Results:
             hint = "give results/<study>, as made by `shear-sim sweep STUDY.yaml`"
             msg = f"{folder}: not a results folder (no jobs/ in it); {hint}"
             raise ResultsError(msg)
+        results.refuse_newer()
         return results
 
-    def prepare(self, study: "Study") -> None:
+    def prepare(self, study: "Study", *, keep_plan: bool = True) -> None:
         """Make the folders, keep the study file and its plan, and clean up after killed writers.
+
+        Only one task of an array keeps them (``keep_plan``): no file is written by all.
 
         Raises
         ------
         ResultsError
             If the folder cannot be written, or holds runs that were imported.
         """
-        self.refuse_imported()
+        self.refuse_others()
         try:
-            for folder in (self.jobs, self.failed, self.tables, self.figures, self.logs):
-                folder.mkdir(parents=True, exist_ok=True)
-                remove_partial(folder)
+            for name in ("jobs", "failed", "checkpoints", "tables", "figures", "logs"):
+                (self.folder / name).mkdir(parents=True, exist_ok=True)
+                remove_partial(self.folder / name)
+            with tempfile.TemporaryFile(dir=self.jobs):
+                pass  # or nothing of this would have been written
+            for path in self.checkpoints.glob("*.pickle"):
+                if self.job_file(path.stem).exists():  # by another run of the same job
+                    path.unlink(missing_ok=True)
             remove_partial(self.folder)
+            if not keep_plan:
+                return
             text = study.text.encode()
             if not self.study_file.exists() or self.study_file.read_bytes() != text:
                 write_whole(self.study_file, text)
@@ -165,14 +181,26 @@ class Results:
             return program
         return None
 
-    def refuse_imported(self) -> None:
-        """Refuse to add runs of ours to imported ones.
+    def refuse_newer(self) -> None:
+        """Refuse to touch what this version does not know.
 
         Raises
         ------
         ResultsError
-            If the folder holds imported runs.
+            If a newer version of the program has made these results.
         """
+        with contextlib.suppress(TableError):
+            _refuse_newer(self.folder, read_summary(self.plan_file))
+
+    def refuse_others(self) -> None:
+        """Refuse to add runs of ours to imported ones, or to those of a newer version.
+
+        Raises
+        ------
+        ResultsError
+            If the folder holds such runs.
+        """
+        self.refuse_newer()
         if program := self.program():
             msg = (
                 f"{self.folder}: holds runs imported from {program}, to which none of ours are "
@@ -188,10 +216,15 @@ class Results:
         """Return the ids of all jobs that have a result, from one listing."""
         return {path.stem for path in _listing(self.jobs, ".parquet")}
 
-    def failures(self) -> dict[str, Failure]:
-        """Return the failed jobs that have no result, by id."""
+    def stamps(self) -> dict[str, list[int]]:
+        """Return size and time of change [ns] of all results, by job id, from one listing."""
+        return _stamps(self.jobs, ".parquet")
+
+    def failures(self, finished: Collection[str] | None = None) -> dict[str, Failure]:
+        """Return the failed jobs that have no result, by id; ``finished``, if it is known."""
         paths = {path.stem: path for path in _listing(self.failed, ".json")}
-        finished = self.finished() if paths else set()
+        if finished is None:
+            finished = self.finished() if paths else set()
         found = {}
         for job, path in sorted(paths.items()):
             if job not in finished:  # otherwise a later try has succeeded
@@ -226,13 +259,14 @@ class Results:
         """
         import pyarrow as pa
 
-        stamps = _stamps(self.jobs, ".parquet")
+        stamps = self.stamps()
         known = self._kept_index()
         stamped = zip(*(known.column(name).to_pylist() for name in STAMPED), strict=True)
         unchanged = [stamps.get(job) == stamp for job, *stamp in stamped]
         kept = known.filter(pa.array(unchanged, pa.bool_()))
         changed = kept.num_rows != known.num_rows
-        new, damaged = sorted(stamps.keys() - set(kept.column("job").to_pylist())), {}
+        new = sorted(stamps.keys() - set(kept.column("job").to_pylist()))
+        damaged: dict[str, str] = {}
         # Rows of words and numbers take far more memory than the columns that they become.
         for start in range(0, len(new), _ROWS_AT_ONCE):
             rows = []
@@ -252,15 +286,37 @@ class Results:
             # Somebody else's results may be read-only: then it is read again at the next call.
             with contextlib.suppress(OSError):
                 write_arrow(self.index_file, kept, {"format": INDEX_FORMAT})
-        if damaged:
-            first = next(iter(damaged.values()))
-            warnings.warn(
-                f"{len(damaged)} damaged result file(s) left out, the first: {first}; "
-                "delete them and run `shear-sim sweep` again",
-                RuntimeWarning,
-                stacklevel=2,
-            )
+        _warn(damaged)
         return kept.drop_columns(["mtime_ns"])
+
+    def damaged(self) -> dict[str, str]:
+        """Return what is wrong with each damaged result, by job id; all are read whole."""
+        found = {}
+        for job in sorted(self.finished()):
+            path = self.job_file(job)
+            try:
+                read_table(path)
+                _index_row(path, (0, 0))
+            except TableError as error:
+                found[job] = str(error)
+        return found
+
+    def set_aside(self, job: str) -> Path:
+        """Move a damaged result to ``damaged/``, so that its job runs again; return where it is."""
+        folder = self.folder / "damaged"
+        folder.mkdir(exist_ok=True)
+        return self.job_file(job).replace(folder / f"{job}.parquet")
+
+    def summaries(self, jobs: Iterable[str]) -> list[dict[str, Any]]:
+        """Return the summaries of these jobs; damaged ones are left out with a warning."""
+        found, damaged = [], {}
+        for job in jobs:
+            try:
+                found.append(read_job_summary(self.job_file(job)))
+            except TableError as error:
+                damaged[job] = str(error)
+        _warn(damaged)
+        return found
 
     def _kept_index(self) -> "pyarrow.Table":
         """Return the index file, or an empty one where it is missing, damaged or of old format."""
@@ -271,6 +327,30 @@ class Results:
                 return read_arrow(self.index_file)
         types = (pa.string(), pa.int64(), pa.int64())
         return pa.table({n: pa.array([], t) for n, t in zip(STAMPED, types, strict=True)})
+
+
+def _refuse_newer(path: Path, summary: Mapping[str, Any]) -> None:
+    found = summary.get("format")
+    if not isinstance(found, int):
+        msg = f"{path}: does not say of what format it is"
+        raise TableError(msg)
+    if found > FORMAT:
+        msg = (
+            f"{path}: made by a newer version of shear-sim (format {found}; this one reads "
+            f"{FORMAT}): use that version"
+        )
+        raise ResultsError(msg)
+
+
+def _warn(damaged: Mapping[str, str]) -> None:
+    """Warn of damaged results, given by job id with what is wrong."""
+    if damaged:
+        warnings.warn(
+            f"{len(damaged)} damaged result file(s) left out, the first: "
+            f"{next(iter(damaged.values()))}; see `shear-sim verify`",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def plan_table(
@@ -350,12 +430,7 @@ def read_job_summary(path: Path) -> dict[str, Any]:
 def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     """Return the row of one result file; ``stamp`` is its size and time of change."""
     summary = read_job_summary(path)
-    if summary.get("format") != FORMAT:
-        msg = (
-            f"{path}: results of format {summary.get('format')}, this program reads {FORMAT}: "
-            "use the version of shear-sim that wrote it, or a newer one"
-        )
-        raise TableError(msg)
+    _refuse_newer(path, summary)
     job = summary["job"]
     if job["id"] != path.stem:
         msg = f"{path}: the result of another job, {job['id']}"

@@ -30,7 +30,6 @@ TENSORS = {
     "internal": "shear_stress_internal",
     "external": "shear_stress_external",
 }
-WITHOUT_RHEOLOGY = ("compression", "self_propelled")  # kinds of protocol
 HARMONICS = 9
 #: Range outside which each quality of a run is flagged (closed). The first two are the limits of
 #: the authors of the method; a change or drift of a tenth is no stationary response.
@@ -276,24 +275,17 @@ def summarise(
         the shear / stress amplitude; ``surface_internal_ratio``: |G*| external / internal;
         ``cycle_change``: relative change of |G*| between the last two periods; ``drift_ratio``:
         drift over one period / stress amplitude; ``jumps`` and ``largest_jump``: see `jumps`, of
-        the periodic tensor during the oscillation) and ``flags`` (``baseline_noisy``,
+        the periodic tensor during the oscillation; None where the protocol says that the stress is
+        ``impulsive``: that of rigid bodies jumps at collisions) and ``flags`` (``baseline_noisy``,
         ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
         (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
         without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
-        (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`: ``flags``, without any.
-
-    Raises
-    ------
-    ValueError
-        For a protocol of another kind.
+        (``"no_steady"``) holds the reason. Protocols of any other kind: ``flags``, without any.
     """
     if protocol["kind"] == "steady":
         return _summarise_steady(columns, protocol)
-    if protocol["kind"] in WITHOUT_RHEOLOGY:
-        return {"flags": {}}
     if protocol["kind"] != "oscillatory":
-        msg = f"protocol kind {protocol['kind']!r} is neither 'oscillatory' nor 'steady'"
-        raise ValueError(msg)
+        return {"flags": {}}
     found: dict[str, Moduli | None] = {}
     reason = None
     for each in protocol.get("tensors", TENSORS):
@@ -376,7 +368,7 @@ def _jumps(
     columns: Mapping[str, FloatArray], protocol: Mapping[str, Any]
 ) -> dict[str, float | None]:
     nothing: dict[str, float | None] = {"jumps": None, "largest_jump": None}
-    if "shear_stress" not in columns:
+    if "shear_stress" not in columns or protocol.get("impulsive", False):
         return nothing
     time, edge = columns["time"], _EDGE * protocol["period"]
     # The record at the start of the shear holds the stress before the rate jumps.

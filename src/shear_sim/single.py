@@ -40,9 +40,9 @@ def run_one(
     [job] = found
     results.prepare(study)
     compile_for([job], tell)
-    failure, storage_error = attempt(job, results.jobs)
-    if storage_error is not None:
-        msg = f"{results.folder}: results cannot be written ({storage_error})"
+    failure, storage_full, _ = attempt(job, results.jobs)
+    if storage_full is not None:
+        msg = f"{results.folder}: results cannot be written ({storage_full})"
         raise ResultsError(msg)
     if failure is None:
         results.forget_failure(job.id)

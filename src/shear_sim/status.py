@@ -1,43 +1,96 @@
 """How far a study is, and what one job found, for people and for scripts."""
 
-from collections.abc import Mapping
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
+from shear_sim import slurm
 from shear_sim.results import Results, flatten
 from shear_sim.screen import duration, size
 from shear_sim.tables import TableError
 
 SHOWN_FAILURES = 10
+SAMPLE = 200  # results that are opened to learn what a job costs; ids are random, so any will do
+RECENT_SECONDS = 3600.0  # over which the throughput is measured
+WATCH_SECONDS = 10.0
 
 
 def read_status(results: Results) -> dict[str, Any]:
-    """Return the state of a study, JSON-ready: counts, failures, measured times [s] and bytes.
+    """Return the state of a study, JSON-ready, from one listing and one question to Slurm.
 
     ``planned`` and ``missing`` are None if the study was never planned in this folder; results
-    that the plan does not ask for are ``orphans``. ``program`` is the one whose runs were imported,
-    with no times then, or None.
+    that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to
+    200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last hour, and
+    ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if there are none or it
+    does not answer. ``program`` is the one whose runs were imported, with no times then, or None.
     """
-    finished, failures = results.finished(), results.failures()
+    stamps = results.stamps()
+    failures = results.failures(stamps.keys())
     try:
         planned = set(results.plan()[0].column("job").to_pylist())
     except TableError:
         planned = None
-    index = results.index().to_pydict() if finished else {}
+    finished = stamps.keys() if planned is None else stamps.keys() & planned
     of_plan = failures if planned is None else {j: f for j, f in failures.items() if j in planned}
+    missing = None if planned is None else len(planned) - len(finished) - len(of_plan)
+    measured = _measured(results, sorted(stamps)[:: len(stamps) // SAMPLE + 1])
+    each = sum(run["cpu_s"] for run in measured) / len(measured) if measured else 0.0
+    changed = [when / 1e9 for _, when in stamps.values()]
+    rate = _rate(changed, time.time())
     return {
         "results": str(results.folder),
         "program": results.program(),
         "planned": None if planned is None else len(planned),
-        "done": len(finished if planned is None else finished & planned),
+        "done": len(finished),
         "failed": [asdict(failure) for failure in of_plan.values()],
-        "missing": None if planned is None else len(planned - finished - of_plan.keys()),
-        "orphans": 0 if planned is None else len(finished - planned),
-        "cpu_s": sum(index.get("run.cpu_s", ())),
-        "disk_bytes": sum(index.get("bytes", ())),
-        "memory_mb": max(index.get("run.peak_memory_mb", ()), default=None),
-        "last_started": max(index.get("run.started", ()), default=None),
+        "missing": missing,
+        "orphans": 0 if planned is None else len(stamps.keys() - planned),
+        "checkpoints": sum(1 for _ in results.checkpoints.glob("*.pickle")),
+        "measured_jobs": len(measured),
+        "cpu_s": each * len(stamps),
+        "disk_bytes": sum(count for count, _ in stamps.values()),
+        "memory_mb": max((run["peak_memory_mb"] for run in measured), default=None),
+        "last_finished": max(changed, default=None),
+        "jobs_per_hour": rate,
+        "seconds_left": 3600 * missing / rate if rate and missing else None,
+        "tasks": _tasks(results, unfinished=missing != 0),
     }
+
+
+def _measured(results: Results, jobs: list[str]) -> list[dict[str, Any]]:
+    """Return what these jobs have cost; damaged results are left out with a warning."""
+    return [s["run"] for s in results.summaries(jobs) if "cpu_s" in s["run"]]
+
+
+def _rate(changed: list[float], now: float) -> float | None:
+    """Return finished jobs per hour, over the last hour; None if none has ended in it."""
+    recent = [when for when in changed if when > now - RECENT_SECONDS]
+    if not recent:
+        return None
+    return 3600 * len(recent) / max(now - min(recent), 1.0)
+
+
+def _tasks(results: Results, *, unfinished: bool) -> list[dict[str, Any]] | None:
+    """Return the job numbers of Slurm, the oldest first, with the states of their tasks."""
+    submitted = slurm.submissions(results)
+    queue = slurm.queue() if submitted else None
+    if queue is None:
+        return None
+    accounts = slurm.ended(each.job for each in submitted) if unfinished else {}
+    found = []
+    for each in submitted:
+        live = [task for task in queue if task.job == each.job]
+        gone = max(len(each.tasks), 1) - len(live)
+        states = Counter(
+            f"waiting ({task.reason})" if task.state == "PENDING" else task.state.lower()
+            for task in live
+        )
+        how = accounts.get(each.job) or {"ended": gone}
+        states.update({state.lower(): count for state, count in how.items() if count})
+        found.append({"job": each.job, "kind": each.kind, "tasks": dict(states)})
+    return found
 
 
 def describe_status(status: Mapping[str, Any]) -> str:
@@ -48,15 +101,24 @@ def describe_status(status: Mapping[str, Any]) -> str:
         lines[0] += f", {len(status['failed'])} failed, {status['missing']} missing"
     if status["program"]:
         lines.append(f"  runs of {status['program']}, imported; {size(status['disk_bytes'])}")
-    elif status["memory_mb"] is not None:  # some result can be read
+    elif status["measured_jobs"]:
         each = status["cpu_s"] / (status["done"] + status["orphans"])
         lines.append(
             f"  {duration(status['cpu_s'])} of CPU ({each:.3g} s a job), "
             f"{size(status['disk_bytes'])}, at most {status['memory_mb']:.0f} MB a worker"
         )
-        lines.append(f"  last job started {status['last_started']}")
         if status["missing"]:
             lines.append(f"  missing: about {duration(each * status['missing'])} of CPU")
+    if status["checkpoints"]:
+        lines.append(f"  {status['checkpoints']} jobs will go on from checkpoints")
+    for each in status["tasks"] or ():
+        states = ", ".join(f"{count} {state}" for state, count in each["tasks"].items())
+        lines.append(f"  Slurm: {each['kind']} {each['job']}: {states}")
+    if status["missing"] and status["jobs_per_hour"]:
+        lines.append(
+            f"  {status['jobs_per_hour']:.3g} jobs per hour in the last hour: "
+            f"about {duration(status['seconds_left'])} left at that rate"
+        )
     if status["orphans"]:
         lines.append(f"  {status['orphans']} results are not of the study file (any more)")
     for failure in status["failed"][:SHOWN_FAILURES]:
@@ -69,6 +131,16 @@ def describe_status(status: Mapping[str, Any]) -> str:
     if status["done"]:
         lines.append(f"next: shear-sim aggregate {status['results']}")
     return "\n".join(lines)
+
+
+def watch(results: Results, show: Callable[[str], None]) -> None:
+    """Show the status again and again until no job is missing."""
+    while True:
+        status = read_status(results)
+        show(describe_status(status))
+        if not status["missing"]:
+            return
+        time.sleep(WATCH_SECONDS)
 
 
 def describe_job(summary: Mapping[str, Any]) -> str:

@@ -35,7 +35,10 @@ from shear_sim.workers import (
 )
 
 DONE, FAILED, STOPPED, INTERRUPTED = 0, 1, 75, 130  # exit codes
-GRACE_SECONDS = 5.0  # for running jobs to end after SIGTERM; Slurm's own grace is 30 s
+# For running jobs to end or to write a checkpoint, which takes about a second: Slurm kills 30 s
+# after SIGTERM, and warns by SIGUSR1 120 s before a time limit (13 s late at most, as measured).
+GRACE_SECONDS = {signal.SIGINT: 2.0, signal.SIGUSR1: 60.0}
+SHORT_GRACE_SECONDS = 5.0  # after the others
 TICK_SECONDS = 0.2
 SERVER_RESTARTS = 3  # without one job ended in between
 
@@ -51,15 +54,21 @@ class Report:
     done: int  # now
     failed: dict[str, Failure]  # now
     waiting: int  # failed by physics before, and left alone
+    stopped: int  # of the jobs left, kept as checkpoints now
     left: int  # not run: stopped, limited or storage full
     signal: int | None
     storage_full: str | None
     wall_s: float
 
     @property
+    def progress(self) -> bool:
+        """Whether any job has ended or got further."""
+        return bool(self.done or self.failed or self.stopped)
+
+    @property
     def exit_code(self) -> int:
         """0 all done, 1 some failed, 75 stopped, 130 interrupted."""
-        if self.signal is not None:
+        if self.signal is not None and self.left:
             return INTERRUPTED if self.signal == signal.SIGINT else STOPPED
         return FAILED if self.failed or self.waiting or self.storage_full else DONE
 
@@ -74,7 +83,7 @@ def run_plan(plan: Plan, screen: Screen) -> Report:
     SweepError
         If no job can run: the kernels do not compile, the server of the workers dies.
     """
-    plan.results.prepare(plan.study)
+    plan.results.prepare(plan.study, keep_plan=plan.shard[0] == 0)
     started = time.monotonic()
     sweep = _Sweep(plan, screen)
     if plan.run:
@@ -85,6 +94,7 @@ def run_plan(plan: Plan, screen: Screen) -> Report:
         done=sweep.done,
         failed=sweep.failed,
         waiting=len(plan.waiting),
+        stopped=sweep.stopped,
         left=len(plan.run) - sweep.done - len(sweep.failed) + plan.left_out,
         signal=sweep.signal,
         storage_full=sweep.storage_full,
@@ -101,7 +111,7 @@ class _Sweep:
         self.remaining = Counter(plan.points[job.id] for job in plan.run)
         self.wall_s = plan.wall_s if plan.wall_s.measured else Costs()
         self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
-        self.done = 0
+        self.done = self.stopped = 0
         self.failed: dict[str, Failure] = {}
         self.ready = self.started = False
         self.next_look = 0.0
@@ -121,10 +131,12 @@ class _Sweep:
                 if received and self.signal is None:
                     self.signal = received[0]
                     self.todo.clear()
-                    grace = 0.0 if self.signal == signal.SIGINT else GRACE_SECONDS
+                    grace = GRACE_SECONDS.get(signal.Signals(self.signal), SHORT_GRACE_SECONDS)
                     give_up = time.monotonic() + grace
-                if time.monotonic() >= give_up or (self.signal is not None and not self.ready):
-                    break
+                if self.signal is not None:
+                    self.workers.stop()  # again and again: one may just have been forked
+                    if not self.ready or len(received) > 1 or time.monotonic() >= give_up:
+                        break
                 if time.monotonic() >= self.next_look:
                     self._show()
             else:
@@ -185,11 +197,13 @@ class _Sweep:
         """Count a job that has ended, well or not."""
         job = self.plan.run[self.busy.pop(outcome.worker)]
         self.remaining[self.plan.points[job.id]] -= 1
-        if outcome.storage_full is not None:
-            self.storage_full = outcome.storage_full
+        if outcome.ending.storage_full is not None:
+            self.storage_full = outcome.ending.storage_full
             self.todo.clear()
-        elif outcome.failure is not None:
-            self._fail(outcome.failure)
+        elif outcome.ending.stopped:
+            self.stopped += 1
+        elif outcome.ending.failure is not None:
+            self._fail(outcome.ending.failure)
         else:
             self.done += 1
             self.wall_s.add(self.plan.points[job.id], outcome.wall_s)
@@ -293,6 +307,8 @@ def describe_report(plan: Plan, report: Report) -> str:
         lines.append("  crashes and errors are tried again by the next sweep")
     if report.waiting or kinds["physics"]:
         lines.append("  failures by physics are tried again only with --retry-failed")
+    if report.stopped:
+        lines.append(f"  {report.stopped} job(s) will go on from checkpoints")
     if report.left or report.signal is not None:
         lines.append(f"next: the same command again does what is left, {report.left} job(s)")
     if plan.done + report.done:

@@ -58,15 +58,21 @@ class Unprepared(NamedTuple):
     traceback: str
 
 
+class Ending(NamedTuple):
+    """How a job has ended: all false if its result is written."""
+
+    failure: Failure | None = None
+    storage_full: str | None = None
+    stopped: bool = False  # a checkpoint is written
+
+
 class Outcome(NamedTuple):
-    """A worker has ended a job: ``failure`` is None if its result is written."""
+    """A worker has ended a job."""
 
     worker: int
     job: int
-    failure: Failure | None
-    storage_full: str | None
+    ending: Ending
     wall_s: float
-    cpu_s: float
 
 
 class Died(NamedTuple):
@@ -162,6 +168,11 @@ class Workers:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._server.wait(CLOSE_SECONDS)
         self.kill()
+
+    def stop(self) -> None:
+        """Ask workers to end their jobs or keep checkpoints; the server takes no notice."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._server.pid, signal.SIGTERM)
 
     def kill(self) -> None:
         """End all workers and the server at once, whatever they do."""
@@ -280,32 +291,35 @@ def telling(tell: Callable[[], None]) -> Iterator[None]:
 
 
 def _work(number: int, channel: Connection, jobs: Sequence["Job"], folder: Path) -> None:
-    """Run the jobs that come over ``channel`` until it closes."""
+    """Run the jobs that come over ``channel`` until it closes; SIGTERM ends them early."""
+    asked: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _frame: asked.append(number))
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             index = channel.recv()
-            wall, cpu = time.perf_counter(), time.process_time()
-            failure, storage_full = attempt(jobs[index], folder)
-            wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-            channel.send(Outcome(number, index, failure, storage_full, wall, cpu))
+            began = time.perf_counter()
+            ending = attempt(jobs[index], folder, lambda: bool(asked))
+            channel.send(Outcome(number, index, ending, time.perf_counter() - began))
 
 
-def attempt(job: "Job", folder: Path) -> tuple[Failure | None, str | None]:
-    """Run one job; return why it failed, or why nothing can be written, or neither."""
+def attempt(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) -> Ending:
+    """Run one job, until ``stop`` is true; return how it ended."""
     from shear_sim.models.interface import SimulationError
-    from shear_sim.runner import run_job
+    from shear_sim.runner import Stopped, run_job
 
     try:
-        run_job(job, folder)
+        run_job(job, folder, stop)
+    except Stopped:
+        return Ending(stopped=True)
     except SimulationError as error:
-        return Failure(job.id, "physics", str(error)), None
+        return Ending(Failure(job.id, "physics", str(error)))
     except OSError as error:
         if error.errno in STORAGE_ERRORS:
-            return None, str(error)
-        return _error(job, error), None
+            return Ending(storage_full=str(error))
+        return Ending(_error(job, error))
     except Exception as error:  # one job's bug must not stop the others
-        return _error(job, error), None
-    return None, None
+        return Ending(_error(job, error))
+    return Ending()
 
 
 def _error(job: "Job", error: Exception) -> Failure:

@@ -92,6 +92,15 @@ def test_a_disc_runs_into_a_notch():
     assert f.set.phi == pytest.approx([1 / np.sqrt(3)] * 2, rel=1e-9)
 
 
+@pytest.mark.parametrize("angle", [1e-3, 1e-5, 1e-7, 1e-9])
+def test_a_disc_on_two_nearly_opposite_ones(angle):
+    """f = F / (2 sin α), although λ_min = 2 sin² α of N is under its round-off from 1e-8 on."""
+    ends = [(10 - np.cos(angle), 10), (10 + np.cos(angle), 10), (10, 10 + np.sin(angle))]
+    f = flow(ends, 0.5, mobility=[0, 0, 1], velocity=[(0, 0), (0, 0), (0, -3)])
+    assert f.set.phi == pytest.approx([1.5 / np.sin(angle)] * 2, rel=1e-15 / angle + 1e-12)
+    assert np.abs(f.set.velocities(f.instant())).max() < 1e-14
+
+
 def test_a_crystal_patch_turns_and_shrinks_as_a_block():
     """Seven equal discs, twelve contacts: one more than a rigid body needs (hyperstatic).
 

@@ -5,6 +5,7 @@ import pytest
 from hard_discs import flow, overlap
 
 from shear_sim.models.hard_disc.active_set import Jammed
+from shear_sim.models.hard_disc.certificate import certify, is_proof
 
 TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(0.75)]])
 EDGES = np.array([[0, 1], [1, 2], [0, 2]])
@@ -110,6 +111,9 @@ def test_compressed_bodies_jam_with_all_beads_counted(seed):
     f = flow(beads, radius, side, bonds=bonds, compression=1)
     with pytest.raises(Jammed) as jam:
         f.advance(2.0)
+    found = certify(f.instant(), jam.value, f.path)
+    assert is_proof(found)
+    assert found["isostatic"]
     pairs, force = jam.value.pairs, jam.value.force
     i, j, rx, ry = f.instant().contacts(pairs)
     push = np.zeros((2, len(radius)))
@@ -121,6 +125,7 @@ def test_compressed_bodies_jam_with_all_beads_counted(seed):
     assert (force[temporary] > 0).all()
     held = len(np.unique(np.concatenate([i, j]) // 3))
     assert temporary.sum() + 3 * held == 2 * 3 * held - 1
+    assert found["discs"] == 3 * held
 
 
 def test_bonds_must_touch():

@@ -75,6 +75,9 @@ def test_oscillation_turns_at_its_amplitude():
     )
     moduli = summarise(columns | hard_disc.derive(columns), run.summary()["protocol"])
     assert moduli["flags"]["no_moduli"] is None
+    # Collisions are no fault of a run of hard discs.
+    assert moduli["quality"]["jumps"] is moduli["quality"]["largest_jump"] is None
+    assert moduli["quality"]["cycle_change"] > 0
     assert moduli["moduli"]["periodic"]["loss"] > abs(moduli["moduli"]["periodic"]["storage"])
 
 
@@ -103,6 +106,7 @@ def test_a_job_through_the_runner(tmp_path):
     assert measured["friction_coefficient"] == pytest.approx(
         measured["scaled_shear_stress"] / measured["scaled_pressure"]
     )
+    assert measured["viscous_number"] * measured["scaled_pressure"] == pytest.approx(1)
 
 
 def test_too_dense_a_start_says_so():

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from shear_sim.figures import style
 from shear_sim.figures.curves import branches, curves, has_curves
 from shear_sim.figures.example import example_run
+from shear_sim.figures.flow_laws import flow_laws, has_flow_laws
 from shear_sim.figures.landmarks import landmark_parameters, landmarks
 from shear_sim.figures.laws import contact_laws
 from shear_sim.figures.lissajous import lissajous
@@ -29,6 +30,7 @@ __all__ = [
     "curves",
     "draw",
     "example_run",
+    "flow_laws",
     "landmark_parameters",
     "landmarks",
     "lissajous",
@@ -54,6 +56,15 @@ CAPTIONS = {
     "viscous part of the stress.",
     "steady": "Mean shear stress and viscosity in steady shear.",
     "steady_branches": "The same against each of the other parameters, all others held.",
+    "flow_laws": "Flow laws of steady shear of rigid particles: stress ratio μ, packing fraction "
+    "and contacts per disc against the viscous number J = γ̇/(ξ₀ p), viscosity and pressure against "
+    "packing fraction, viscosity against pressure. Dashed: 4 contacts per disc, where rigid discs "
+    "jam if all bear force.",
+    "compression": "Packing fraction at which compression ended, and discs that bear no force "
+    "there.",
+    "compression_branches": "The same against each of the other parameters, all others held.",
+    "self_propelled": "Speed beside the flow and contacts per disc of self-propelled discs.",
+    "self_propelled_branches": "The same against each of the other parameters, all others held.",
     "example": "One run: strain and shear stress against time, and the loops of its periods.",
     "quality": "Quality of every run. Shaded: beyond the limits; such runs are flagged, and count "
     "in all the same.",
@@ -65,6 +76,8 @@ _POINTS: dict[str, dict[str, tuple[str, ...]]] = {
         "large_amplitude": ("third_harmonic_ratio", "stiffening_ratio", "thickening_ratio"),
     },
     "steady": {"steady": ("shear_stress", "viscosity")},
+    "compression": {"compression": ("final_packing_fraction", "rattler_fraction")},
+    "self_propelled": {"self_propelled": ("nonaffine_speed", "contact_number")},
 }
 
 
@@ -116,6 +129,8 @@ def _figures(
                 yield name, curves(points, quantities)
             if plan.branches and name != "large_amplitude":
                 yield f"{name}_branches", branches(points, quantities)
+    if "steady" in tables and has_flow_laws(tables["steady"]):
+        yield "flow_laws", flow_laws(tables["steady"])
     if "curves" in tables and has_curves(tables["curves"]):
         points, features = tables["curves"], tables["features"]
         yield "moduli_with_landmarks", moduli_with_landmarks(points, features)

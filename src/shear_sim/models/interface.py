@@ -22,7 +22,10 @@ class Column(NamedTuple):
 
 
 class Simulation(Protocol):
-    """A prepared simulation: asked for its records, a block at a time."""
+    """A prepared simulation: asked for its records, a block at a time.
+
+    It may be pickled between two blocks: a copy goes on to the same bits.
+    """
 
     @property
     def rows(self) -> int:

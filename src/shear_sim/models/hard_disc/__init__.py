@@ -44,6 +44,10 @@ After each step the gaps of contacts, 1e-14 by then, are set to zero (paper (28)
 N may be singular here although the system is not: the contact that depends most on the others is
 kept out of the factor, and stands with κ in the border. Paper (25) would divide by zero.
 
+**Nearly dependent contacts.** Next to a state that bears itself N has an eigenvalue λ, the square
+of a singular value of Ξ½ Sᵀ, and forces grow as 1/λ. Under 1e-7 the factor comes from rotations of
+Ξ½ Sᵀ itself, which sees singular values down to 1e-11: such discs move on, fast but not jammed.
+
 **Jamming.** Where no forces stop a pair, the direction of (HD.2) that never ends is a state φ₀ > 0
 with Sᵀφ₀ = 0 that resists the drive, ⟨φ₀|q⟩ < 0 (``certificate``).
 
@@ -58,7 +62,7 @@ from shear_sim.models.interface import Simulation
 from shear_sim.streams import Streams
 
 POINT = HardDiscPoint
-PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
+PHYSICS_VERSION = 2  # raised with any change of numbers; part of every job id
 
 __all__ = [
     "COLUMNS",

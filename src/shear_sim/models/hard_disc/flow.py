@@ -31,7 +31,7 @@ TOUCH = 1e-13  # of the mean diameter: pairs with smaller gaps touch, and collid
 CLOSED = 2e-14  # largest gap of a contact [mean diameter] that needs no correction
 MOST_DRIFT = 1e-9  # of the gaps of contacts within a step [mean diameter]
 LONGEST_STEP = 0.05  # of path, whatever the accuracy
-STALLED = 1e-14  # steps shorter than this make no progress ...
+STALLED = 1e-14  # of path, and of the mean diameter: steps shorter than both make no progress ...
 MOST_STALLED = 2000  # ... and so many of them in a row are arrest
 
 
@@ -122,7 +122,8 @@ class Flow:
     Raises
     ------
     ValueError
-        If discs overlap at the start, or a bond's two do not touch.
+        If discs overlap at the start (immobile ones may), a bond's two do not touch, or nothing can
+        move.
     Jammed
         If no forces stop them there.
     """
@@ -152,9 +153,13 @@ class Flow:
     _range: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
+        if not (self.mobility > 0).any():
+            msg = "the mobility is zero everywhere: nothing could move"
+            raise ValueError(msg)
         self.unit = 2.0 * float(self.radius.mean())
         self.touch = TOUCH * self.unit
         self.skin = SKIN * 0.5 * self.unit
+        self.disc_area = math.pi * float((self.radius[self.mobility > 0] ** 2).sum())
         self.set = ActiveSet(0)
         self._stalled = 0
         self._find_candidates()
@@ -178,8 +183,8 @@ class Flow:
 
     @property
     def packing_fraction(self) -> float:
-        """φ."""
-        return math.pi * float((self.radius**2).sum()) / self.area
+        """φ of the discs that can move."""
+        return self.disc_area / self.area
 
     def instant(self) -> Instant:
         """Return what the forces depend on now."""
@@ -268,7 +273,7 @@ class Flow:
         self._move(step, u, kappa, area)
         self._strained = strained
         now.phi, now.kappa = evaluate(phi, step), float(evaluate(kappa, step))
-        self._count(step, order, kind, error)
+        self._count(step, order, kind, error, reach)
         if kind == OPENING:
             now.drop(which)
         now.settle(self.instant(), self.touch, solved=kind == COLLISION)
@@ -290,7 +295,7 @@ class Flow:
         self.height *= factor
         self.offset *= factor
 
-    def _count(self, step: float, order: int, kind: int, error: float) -> None:
+    def _count(self, step: float, order: int, kind: int, error: float, reach: float) -> None:
         """Keep the books, and give up where nothing moves any more."""
         counts = self.counts
         counts.steps += 1
@@ -301,11 +306,15 @@ class Flow:
         drift = float(np.abs(self.gap[self.set.pairs]).max(initial=0.0)) / self.unit
         counts.largest_drift = max(counts.largest_drift, drift)
         if not drift < MOST_DRIFT:
-            msg = f"contacts opened by {drift:.3g} mean diameters at path {self.path:.12g}: "
-            raise Arrested(msg + "the forces are too large to be exact")
-        self._stalled = self._stalled + 1 if step < STALLED else 0
+            msg = f"contacts opened by {drift:.3g} mean diameters within a step"
+            raise Arrested(msg)
+        if not np.isfinite(self.x).all():
+            msg = "the velocities are not finite"
+            raise Arrested(msg)
+        stalled = max(step, reach / self.unit) < STALLED
+        self._stalled = self._stalled + 1 if stalled else 0
         if self._stalled > MOST_STALLED:
-            msg = f"{MOST_STALLED} events in a row without motion at path {self.path:.12g}"
+            msg = f"{MOST_STALLED} events in a row without motion"
             raise Arrested(msg)
 
     def _close_gaps(self) -> None:
@@ -357,6 +366,8 @@ class Flow:
         found = find_pairs(
             self.x, self.y, self.radius, self.skin, self.width, self.height, self.offset
         )[1:]
+        moving = (self.mobility[found[0]] > 0) | (self.mobility[found[1]] > 0)
+        found = found[0][moving], found[1][moving], found[2][moving], found[3][moving]
         order = elimination_order(self.x, self.y, found[0], found[1])
         i, j, nx, ny = (a[order] for a in found)
         contacts = self.set.pairs

@@ -16,7 +16,6 @@ import numpy as np
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.models.hard_disc.active_set import (
-    DEPENDENT,
     Arrested,
     Instant,
     approach,
@@ -26,6 +25,7 @@ from shear_sim.models.hard_disc.active_set import (
 from shear_sim.models.hard_disc.factor import back_substitute
 from shear_sim.models.hard_disc.flow import Flow
 
+DEPENDENT = 1e-10  # stiffness, relative to a lone contact's, under which a contact is left out
 PATIENCE = 10  # rounds of block pivoting without progress before one pair at a time is changed
 
 
@@ -108,5 +108,5 @@ class Marching(Flow):
             if patience < 0:  # Murty's rule, which always ends
                 wrong[: np.flatnonzero(wrong)[-1]] = False
             inside ^= wrong
-        msg = f"no velocities without overlap were found at strain {self.path:.9g}"
+        msg = "no velocities without overlap were found"
         raise Arrested(msg)

@@ -171,7 +171,7 @@ class Links(Section):
     join_isolated: Annotated[
         bool, Field(description="link a disc without links to a neighbour")
     ] = True
-    normal_factor: Annotated[Positive, Field(description="k of links / k")] = 1.0
+    normal_factor: Annotated[Positive, Field(description="k of links / k, eq. S1-8")] = 1.0
     tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T")] = 1.0
     stretched_tangential_dashpot: Annotated[
         bool, Field(description="tangential dashpot of links longer than r_i + r_j")
@@ -199,7 +199,7 @@ class Contacts(Section):
 
 
 class Damping(Section):
-    """Drag of the suspending fluid, relative to the affine flow."""
+    """Drag of the suspending fluid, relative to the affine flow (section 5.3 of part 1)."""
 
     decay: Annotated[
         float,
@@ -219,11 +219,15 @@ class Microgel(Section):
     young_modulus: Annotated[float, Field(gt=0, description="E [Pa]; k = π E / 8, eq. S1-8")] = (
         8000.0
     )
-    friction: Annotated[float, Field(ge=0, description="Coulomb μ [-]")] = 0.01
+    friction: Annotated[
+        float, Field(ge=0, description="Coulomb μ [-], of contacts, not of links")
+    ] = 0.01
     relative_viscosity: Annotated[NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")] = (
         0.1
     )
-    tangential_ratio: Annotated[NonNegative, Field(description="k_T / k = η_T / η [-]")] = 1.0
+    tangential_ratio: Annotated[
+        NonNegative, Field(description="k_T / k = η_T / η [-], section 5.1")
+    ] = 1.0
     contact_law: ContactLaw = DivergentLaw()
     sliding: Annotated[
         Literal["coulomb", "reset"],
@@ -235,8 +239,9 @@ class Microgel(Section):
     lever_arms: Annotated[
         Literal["conjugate", "particleshear", "otsuki2017"],
         Field(
-            description="arms in torque and rolling velocity: contact arms in both; contact arms "
-            "(S1-3) and nominal radii; nominal radii in both (loses angular momentum)"
+            description="arms in torque and rolling velocity. conjugate: contact arms in both (eq. "
+            "S1-3). particleshear: contact arms and nominal radii. otsuki2017: nominal radii in "
+            "both, which loses angular momentum (eq. S1-2)"
         ),
     ] = "conjugate"
     dashpot: Annotated[

@@ -290,6 +290,12 @@ class MicrogelSimulation:
         self.names = ROW + ENERGIES if point.record.energy else ROW
         self._table = np.empty((self.rows, len(self.names)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "kernels"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, kernels=kernels_of(state["point"]))
+
     @property
     def rows(self) -> int:
         """Number of records of the whole protocol."""

@@ -1,8 +1,8 @@
 """How often the intervals and p-values of `shear-sim aggregate` are right, on made-up studies.
 
-.venv/bin/python analysis/coverage.py                 (1,000 paired studies, 200 independent ones)
-.venv/bin/python analysis/coverage.py --studies 200   (noisier, in a fifth of the time)
-.venv/bin/python analysis/coverage.py --each          (every interval, not only kinds of them)
+.venv/bin/python analysis/interval_coverage.py      (1,000 paired studies, 200 independent ones)
+.venv/bin/python analysis/interval_coverage.py --studies 200      (noisier, in a fifth of the time)
+.venv/bin/python analysis/interval_coverage.py --each             (every interval, not only kinds)
 
 The packings of a made-up study scatter as real ones do: each has a plateau modulus, a strain at
 which friction gives way and one at which it yields, lognormal with a width of 0.3, and every

@@ -1,4 +1,4 @@
-"""A small part of analysis/coverage.py: how often intervals and p-values are right."""
+"""A small part of analysis/interval_coverage.py: how often intervals and p-values are right."""
 
 import runpy
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-PROGRAM = runpy.run_path(str(Path(__file__).parents[1] / "analysis" / "coverage.py"))
+PROGRAM = runpy.run_path(str(Path(__file__).parents[1] / "analysis" / "interval_coverage.py"))
 STUDIES = 25
 #: Coverage of 1,000 studies, found by the program, for t (6 replicates) and BCa (12).
 FOUND = {6: 0.95, 12: 0.90}

@@ -1,0 +1,196 @@
+"""Slurm: what was submitted, what waits and runs, and how a task asks to be run again.
+
+Result files alone say what is done; Slurm's states only explain what is not. An answer that is
+empty, late or missing never means that a job has failed.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from shear_sim.results import Results
+from shear_sim.tables import write_whole
+
+ANSWER_SECONDS = 60.0  # a busy controller may take long
+MAX_ARRAY_SIZE = 1001  # Slurm's default, where the cluster's cannot be asked
+MOST_IDLE_RUNS = 3  # of a task in a row without any progress
+
+
+class SlurmError(Exception):
+    """Slurm has refused something; says what, why and what is queued already."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task that waits or runs."""
+
+    job: int  # number of the array, or of a job that is none
+    index: int | None
+    state: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Submission:
+    """One job number of Slurm that was given to this study."""
+
+    job: int
+    kind: Literal["array", "aggregation"]
+    submitted: str
+    shards: int = 0  # into which the study was divided,
+    tasks: tuple[int, ...] = ()  # those that this array runs,
+    offset: int = 0  # and the shard of its index 0
+
+
+def record(results: Results, submission: Submission) -> None:
+    """Keep a job number, in ``submissions/<number>.json``."""
+    results.submissions.mkdir(exist_ok=True)
+    text = json.dumps(asdict(submission))
+    write_whole(results.submissions / f"{submission.job}.json", f"{text}\n".encode())
+
+
+def submissions(results: Results) -> list[Submission]:
+    """Return what was submitted, the oldest first.
+
+    Raises
+    ------
+    SlurmError
+        If a record is damaged.
+    """
+    found = []
+    for path in results.submissions.glob("*.json"):
+        try:
+            content = json.loads(path.read_bytes())
+            found.append(Submission(**{**content, "tasks": tuple(content["tasks"])}))
+        except (ValueError, TypeError, KeyError) as error:
+            msg = f"{path}: cannot be read ({error}): delete it once its job has ended"
+            raise SlurmError(msg) from error
+    return sorted(found, key=lambda submission: submission.job)
+
+
+def queue() -> list[Task] | None:
+    """Return this user's tasks that wait or run; None where Slurm does not answer."""
+    answer = _ask("squeue", "--me", "-h", "-r", "-o", "%F|%K|%T|%r")
+    if answer is None:
+        return None
+    tasks = []
+    for line in answer.splitlines():
+        job, index, state, reason = line.split("|", 3)
+        number = int(index) if index.isdecimal() else None  # N/A
+        tasks.append(Task(int(job), number, state, reason))
+    return tasks
+
+
+def ended(jobs: Iterable[int]) -> dict[int, Counter[str]]:
+    """Return how tasks of these jobs have ended, where Slurm keeps accounts and answers."""
+    numbers = ",".join(map(str, jobs))
+    found: dict[int, Counter[str]] = {}
+    answer = _ask("sacct", "-n", "-X", "--parsable2", "-o", "JobID,State", "-j", numbers)
+    for line in (answer or "").splitlines():
+        task, _, state = line.partition("|")
+        word = state.split()[0] if state else ""  # CANCELLED by 1000
+        if word not in {"", "PENDING", "RUNNING", "REQUEUED"}:
+            found.setdefault(int(task.split("_")[0]), Counter())[word] += 1
+    return found
+
+
+def max_array_size() -> int:
+    """Return the cluster's MaxArraySize: the largest index of an array is one less."""
+    for line in (_ask("scontrol", "show", "config") or "").splitlines():
+        name, _, value = line.partition("=")
+        if name.strip() == "MaxArraySize" and value.strip().isdecimal():
+            return int(value)
+    return MAX_ARRAY_SIZE
+
+
+def submit(script: str) -> int:
+    """Submit a batch script; return its job number.
+
+    Raises
+    ------
+    SlurmError
+        If Slurm takes no jobs here or refuses this one.
+    """
+    try:
+        done = subprocess.run(
+            ["sbatch", "--parsable"],  # noqa: S607 - the one of the PATH
+            input=script,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return int(done.stdout.split(";")[0])
+    except FileNotFoundError:
+        msg = "no sbatch on the PATH: run this where jobs are submitted, or use `shear-sim sweep`"
+        raise SlurmError(msg) from None
+    except subprocess.CalledProcessError as error:
+        msg = f"sbatch refused: {' '.join(error.stderr.split())}"
+        raise SlurmError(msg) from None
+    except ValueError as error:
+        msg = f"sbatch did not answer with a job number ({error}): look at `squeue --me`"
+        raise SlurmError(msg) from None
+
+
+def this_task() -> str | None:
+    """Return how Slurm calls the task that this process is: ``12_3``, or None outside Slurm."""
+    job = os.environ.get("SLURM_ARRAY_JOB_ID")
+    index = os.environ.get("SLURM_ARRAY_TASK_ID")
+    return f"{job}_{index}" if job and index else os.environ.get("SLURM_JOB_ID")
+
+
+def requeue(task: str, folder: Path, *, progress: bool) -> str | None:
+    """Ask Slurm to run this task again; return why it will not, or None if it will.
+
+    Parameters
+    ----------
+    task : str
+        See `this_task`.
+    folder : Path
+        A file of this task alone is kept there: the number of its last run with progress.
+    progress : bool
+        Whether a job has ended or got further in this run. A task without any in three runs
+        would only burn time.
+    """
+    restarts = int(os.environ.get("SLURM_RESTART_COUNT") or 0)
+    note = folder / f"progress-{task}"
+    if progress:
+        write_whole(note, str(restarts).encode())
+    last = -1
+    with contextlib.suppress(FileNotFoundError, ValueError):
+        last = int(note.read_bytes())
+    if restarts - last >= MOST_IDLE_RUNS:
+        return f"no job has got any further in {MOST_IDLE_RUNS} runs: give more --time"
+    if _ask("scontrol", "requeue", task) is None:
+        return "scontrol requeue did not work"
+    return None
+
+
+def _ask(*command: str) -> str | None:
+    """Return what a Slurm command prints; None if it is not there, fails or does not answer."""
+    if shutil.which(command[0]) is None:
+        return None
+    try:
+        done = subprocess.run(  # noqa: S603 - our own words
+            command, capture_output=True, text=True, check=True, timeout=ANSWER_SECONDS
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout
+
+
+def index_list(indices: Sequence[int]) -> str:
+    """Return sorted indices as ``--array`` takes them: ``0-3,7``."""
+    parts: list[list[int]] = []
+    for index in indices:
+        if parts and index == parts[-1][-1] + 1:
+            parts[-1][1:] = [index]
+        else:
+            parts.append([index])
+    return ",".join("-".join(map(str, part)) for part in parts)

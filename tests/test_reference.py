@@ -1,0 +1,91 @@
+"""The study-file reference is true: it is a study file, with everything that one may hold."""
+
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import pytest
+from typer.testing import CliRunner
+
+from shear_sim import models
+from shear_sim.cli import app
+from shear_sim.config import fields_of, sections_of
+from shear_sim.design import KEYS
+from shear_sim.document import read_yaml
+from shear_sim.reference import FILLED_IN, json_schema, study_reference
+from shear_sim.study import load_study, parameters
+
+KINDS = [kind for kind in models.KINDS if kind != "kelvin_voigt"]  # which is of the tests
+CONFIGS = sorted((Path(__file__).parents[1] / "configs").rglob("*.yaml"))
+
+
+def printed(*arguments):
+    return CliRunner().invoke(app, ["schema", *arguments])
+
+
+def all_keys(section):
+    """Yield every key of a section and of what it holds, of each kind."""
+    for name, info in fields_of(section).items():
+        if name not in FILLED_IN:
+            yield name, info
+            for option in sections_of(info.annotation):
+                yield from all_keys(option)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_reference_is_a_study_of_one_default_job(kind, tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text(printed(kind).stdout)
+    (job,) = load_study(path).jobs()
+    assert job.parameters == parameters(models.model(kind).POINT().resolved())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_of_every_kind_is_there_and_explained(kind):
+    text = study_reference(kind)
+    for name, info in all_keys(models.model(kind).POINT):
+        assert re.search(rf"^#? *{name}:", text, re.MULTILINE), name
+        if name != "kind" and not sections_of(info.annotation):
+            assert info.description or name == "scheme", f"{name} has no description"
+    for name in KEYS:
+        assert re.search(rf"^(# )?{name}:", text, re.MULTILINE), name
+    assert max(map(len, text.splitlines())) <= 104  # a commented line has two more
+
+
+def test_limits_and_choices_are_named():
+    text = study_reference("microgel")
+    assert "# μ" not in text
+    assert re.search(r"decay: 0\.5 .*\(> 0, ≤ 1\)", text)
+    assert re.search(r"steps_per_period: null(.|\n)*?\(≥ 10\)", text)
+    assert "velocity_verlet | semi_implicit_euler" in text
+    assert "\N{NO-BREAK SPACE}" not in text
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
+def test_the_json_schema_takes_the_studies_of_configs(path):
+    data = read_yaml(path.read_bytes(), path).data
+    kind = data.get("model", {}).get("kind", models.DEFAULT_KIND)
+    jsonschema.validate(data, json_schema(kind))
+
+
+@pytest.mark.parametrize(
+    ("data", "path"),
+    [
+        ({"packing": {"disks": 150}}, ["packing"]),
+        ({"model": {"friction": -1}}, ["model", "friction"]),
+        ({"replicates": 0}, ["replicates"]),
+        ({"swep": {}}, []),
+    ],
+)
+def test_the_json_schema_refuses_what_is_wrong(data, path):
+    schema = json.loads(printed("--json").stdout)
+    with pytest.raises(jsonschema.ValidationError) as caught:
+        jsonschema.validate(data, schema)
+    assert list(caught.value.absolute_path) == path
+
+
+def test_a_model_that_there_is_not():
+    result = printed("sand")
+    assert result.exit_code == 2
+    assert "no model 'sand': one of microgel" in result.stderr

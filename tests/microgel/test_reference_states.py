@@ -79,7 +79,6 @@ def evaluate(path, k):
     kernels = kernels_for(law, True, reset=True)
     kernels.contact_forces(discs, work, links, contacts, constants, strain, rate, 0.0, True)
     row = np.zeros(len(ROW))
-    offset = strain * height - work.turns[0] * constants.width
     if meta["calls_setShearRate"]:
         motion.finish_row(discs, work, constants, rate, row)
     else:  # the evaluator of the two-disc scenarios sees all discs, and lab velocities (rate 0)

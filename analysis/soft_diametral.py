@@ -136,8 +136,9 @@ def elastic(run: Run) -> None:
 
 def averaged(run: Run, strain: float) -> float:
     """F R/4 M^Y averaged over Δε = 0.02 about ``strain``."""
-    table = run.table
+    table, top = run.table, int(run.table["compression"].argmax())
     way = (table["compression"] > strain - 0.01) & (table["compression"] <= strain + 0.01)
+    way[top + 1 :] = False
     return float(table["mean_force"][way].mean() / table["force_unit"][0])
 
 

@@ -142,14 +142,14 @@ def test_two_ids_are_pinned():
     numbers of a job, or what is known of them, changed too.
     """
     default = Job.create(MicrogelPoint(), seed=20240611, replicate=0)
-    assert default.id == "b5a780848c510551"
+    assert default.id == "6fa6f41afe351154"
     (job,) = study("""
 packing: {discs: 60}
 scenes: {loose: {model.links.cut: none}}
 sweep: {grid: {shear.strain_amplitude: [0.1]}, set: {model.friction: 1}}
 seed: 1
 """).jobs()
-    assert job.id == "9b4eb8b8e058091d"
+    assert job.id == "1c189b04881768b5"
 
 
 def test_the_id_is_the_hash_of_canonical_json():
@@ -698,7 +698,21 @@ def test_configs_load_and_have_their_size(name, least, most):
     assert len({job.id for job in jobs}) == len(jobs)
 
 
+@pytest.mark.parametrize(
+    ("name", "jobs"),
+    [
+        ("jamming", 80), ("rheology_64", 132), ("rheology_256", 42), ("rheology_1024", 20),
+        ("rheology_1024_dense", 2), ("signals", 2), ("snapshots", 7),
+    ],
+)  # fmt: skip
+def test_longer_studies_of_hard_discs_load_and_have_their_size(name, jobs):
+    assert len(load_study(CONFIGS / "hard_disc" / f"{name}.yaml").jobs()) == jobs
+
+
 def test_every_config_file_is_tested():
+    longer = {"jamming", "rheology_64", "rheology_256", "rheology_1024", "rheology_1024_dense"}
+    longer |= {"signals", "snapshots"}
+    assert {path.stem for path in (CONFIGS / "hard_disc").glob("*.yaml")} == longer
     assert {path.stem for path in CONFIGS.glob("*.yaml")} == {
         "quick",
         "main",

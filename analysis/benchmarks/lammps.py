@@ -11,7 +11,6 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -47,13 +46,6 @@ fix p all ave/time 1 1 1 c_p[1] c_p[2] c_p[4] file stress.out
 thermo 1000000
 run {steps}
 """
-
-
-class Cost(NamedTuple):
-    """CPU time of one LAMMPS process [s] and its largest memory [MB]."""
-
-    cpu: float
-    memory: float
 
 
 def program() -> str:
@@ -97,8 +89,11 @@ def write(folder: Path, simulation: MicrogelSimulation) -> None:
     (folder / "discs.data").write_text("\n".join(lines) + "\n")
 
 
-def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) -> Cost:
-    """Run ``steps`` steps from ``discs.data``, the stress written at every one."""
+def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) -> float:
+    """Run ``steps`` steps from ``discs.data``, the stress written at every one.
+
+    Returns the CPU time of the process [s].
+    """
     d, c, clock = simulation.discs, simulation.constants, simulation.clock
     assert clock.kind == OSCILLATION
     unit = _time_unit(simulation)
@@ -123,7 +118,7 @@ def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) ->
     if process.returncode != 0:
         msg = f"LAMMPS failed:\n{(folder / 'log.lammps').read_text()[-2000:]}"
         raise SystemExit(msg)
-    return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
+    return usage.ru_utime + usage.ru_stime
 
 
 def stresses(folder: Path) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The speed of the program, in one table, beside LAMMPS on the same discs.
 
-.venv/bin/python analysis/benchmarks/speed.py [PART ...] [--rounds 5] [--out FOLDER]
+.venv/bin/python analysis/benchmarks/speed.py [PART ...] [--rounds 5] [--largest N] [--out FOLDER]
 
 Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), growth (1,000 to 100,000
 discs), job (a default job, split), sweep (what a sweep costs beside its simulations), start
@@ -38,6 +38,7 @@ from shear_sim.study import Job
 from shear_sim.tables import read_table, write_table
 
 SIZES = {150: 5000, 1024: 1500, 4096: 400, 16384: 100, 100_000: 30}  # discs: steps
+FIRST = 1024  # exponents of growth are from here
 FRACTIONS = (1.5, 0.9)
 # particleShear 1.0.2, N = 150, on a machine of this kind: steps of a default job, 60 to 82 ms each
 HISTORICAL_STEPS, HISTORICAL_MS = 17_364, 70.0
@@ -73,7 +74,7 @@ def ours(discs: int, fraction: float, steps: int) -> dict[str, float]:
 
 
 def paired(discs: int, fraction: float, steps: int, rounds: int) -> pd.DataFrame:
-    """Time all programs turn by turn; one row a round, CPU time of a step [s] and memory [MB]."""
+    """Time all programs turn by turn: CPU time of a step [s] and pairs per disc, a row a round."""
     ours(discs, fraction, min(steps, 20))
     table = []
     with tempfile.TemporaryDirectory() as name:
@@ -85,8 +86,7 @@ def paired(discs: int, fraction: float, steps: int, rounds: int) -> pd.DataFrame
             for style in lammps.STYLES:
                 empty = lammps.run(folder, simulation, style, 0)
                 full = lammps.run(folder, simulation, style, steps)
-                row[style] = (full.cpu - empty.cpu) / steps
-                row[f"{style}_memory"] = full.memory
+                row[style] = (full - empty) / steps
             table.append(row)
     return pd.DataFrame(table)
 
@@ -116,32 +116,28 @@ def growth(rounds: int, out: Path) -> Iterator[Row]:
     """Time per disc and step against the number of discs, each size in a process of its own."""
     parts = []
     for fraction in FRACTIONS:
+        medians = {}
         for discs in SIZES:
             command = [sys.executable, __file__, "one-size", str(discs), str(fraction)]
             subprocess.run([*command, "--rounds", str(rounds), "--out", str(out)], check=True)
-            parts.append(pd.read_csv(out / "one_size.csv"))
-    table = pd.concat(parts, ignore_index=True)
-    (out / "one_size.csv").unlink()
-    table.to_csv(out / "growth.csv", index=False)
-    for fraction, rows in table.groupby("packing_fraction", sort=False):
-        for discs, took in rows.groupby("discs", sort=False):
-            median = took.median()
+            took = pd.read_csv(out / "one_size.csv")
+            parts.append(took)
+            pd.concat(parts, ignore_index=True).to_csv(out / "growth.csv", index=False)
+            median = medians[discs] = took.median()
             per_disc = f"{median['ours'] / discs * 1e9:.3g} ns a disc"
-            memory = f"{median['ours_memory']:.0f} MB in all"
             what = f"step, N = {discs:,}, φ = {fraction:g}"
-            yield what, us(median["ours"]), f"{per_disc}; {memory}"
+            yield what, us(median["ours"]), f"{per_disc}; {median['ours_memory']:.0f} MB in all"
             for style in lammps.STYLES:
                 times = f"{ratio(took, style):.1f} times ours"
                 yield f"  LAMMPS {style}", us(median[style]), times
-        median = rows.groupby("discs").median()
-        for last in (16384, 100_000):
-            fits = {
-                name: np.log(median.loc[last, name] / median.loc[1024, name]) / np.log(last / 1024)
-                for name in ("ours", *lammps.STYLES)
-            }
-            described = ", ".join(f"{name} {fits[name]:.3f}" for name in lammps.STYLES)
-            what = f"growth exponent, 1,024 to {last:,}, φ = {fraction:g}"
-            yield what, f"{fits['ours']:.3f}", described
+            if discs > FIRST:
+                exponents = {
+                    name: np.log(median[name] / medians[FIRST][name]) / np.log(discs / FIRST)
+                    for name in ("ours", *lammps.STYLES)
+                }
+                others = ", ".join(f"{name} {exponents[name]:.2f}" for name in lammps.STYLES)
+                yield f"  growth exponent from N = {FIRST:,}", f"{exponents['ours']:.2f}", others
+    (out / "one_size.csv").unlink()
 
 
 def one_size(discs: int, fraction: float, rounds: int, out: Path) -> None:
@@ -264,8 +260,11 @@ def main(arguments: Sequence[str]) -> None:
     )
     parser.add_argument("parts", nargs="*", metavar="PART")
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--largest", type=int, default=max(SIZES), help="discs (growth)")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     chosen = parser.parse_args(arguments)
+    for discs in [discs for discs in SIZES if discs > chosen.largest]:
+        del SIZES[discs]
     chosen.out.mkdir(parents=True, exist_ok=True)
     if chosen.parts[:1] == ["one-size"]:
         _, discs, fraction = chosen.parts

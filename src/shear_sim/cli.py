@@ -190,10 +190,11 @@ def compile(study: StudyFile) -> None:  # noqa: A001 - the name of the command
     Example: shear-sim compile configs/main.yaml
     """
     loaded = _load(study)
-    from shear_sim.compiled import cache_folder
+    from shear_sim.compiled import cache_folder, compiling
     from shear_sim.workers import compile_for
 
-    compile_for(loaded.jobs(), _tell)
+    with compiling(loaded.kernels):
+        compile_for(loaded.jobs(), _tell)
     typer.echo(f"compiled code is in {cache_folder()}")
 
 

@@ -35,8 +35,8 @@ def constants_of(meta):
         may_pull=True, stretched_dashpot=False, plates=False,
         contact_arms_in_velocity=False, contact_arms_in_torque=True,
         damping=0.0, spin_damping=0.0, spin_target=0.0, affine=True, skin=1.0,
-        step_normal=1.0, step_normal_dashpot=1.0, step_rolling=1.0, step_rolling_dashpot=1.0,
-        step_approach=1.0, step_strain=1.0,
+        step_normal=1.0, step_energy=1.0, step_normal_dashpot=1.0, step_rolling=1.0,
+        step_rolling_dashpot=1.0, step_approach=1.0, step_strain=1.0,
     )  # fmt: skip
 
 
@@ -79,12 +79,11 @@ def evaluate(path, k):
     kernels = kernels_for(law, True, reset=True)
     kernels.contact_forces(discs, work, links, contacts, constants, strain, rate, 0.0, True)
     row = np.zeros(len(ROW))
-    offset = strain * height - work.turns[0] * constants.width
     if meta["calls_setShearRate"]:
-        motion.finish_row(discs, work, constants, offset, rate, row)
+        motion.finish_row(discs, work, constants, rate, row)
     else:  # the evaluator of the two-disc scenarios sees all discs, and lab velocities (rate 0)
         lab = discs._replace(cx=vx.copy(), spin=omega.copy(), plate=np.zeros_like(discs.plate))
-        motion.finish_row(lab, work, constants, offset, 0.0, row)
+        motion.finish_row(lab, work, constants, 0.0, row)
     tensors = derive({n: np.array([v * TO_PASCAL]) for n, v in zip(ROW, row, strict=True)})
     tensors |= {
         n: np.array([v * TO_PASCAL]) for n, v in zip(ROW, row, strict=True) if "_" in n

@@ -120,11 +120,11 @@ QUALITY = (
 FLAGS = (
     Column("no_moduli", "", "why something could not be fitted"),
     Column("no_steady", "", "why nothing could be averaged"),
-    Column("flags", "", "quality columns outside their limits, not_at_rest, stopped_early"),
+    Column("flags", "", "quality columns outside their limits, and flags of the model"),
     Column("flagged", "", "has flags, or no result; counted in all the same"),
 )
 #: Flags that a model sets itself.
-MODEL_FLAGS = ("not_at_rest", "stopped_early")
+MODEL_FLAGS = ("not_at_rest", "stopped_early", "deep_overlap")
 STEADY = (
     (Column("shear_stress", "Pa", "mean over the late half of the strain"), "steady.shear_stress"),
     (

@@ -33,7 +33,7 @@ def packing(discs, packing_fraction, seed=0):
     radius = mean * (1 + 0.03 * rng.uniform(-1, 1, discs))
     side = float(np.sqrt(np.pi * (radius**2).sum() / packing_fraction))
     x, y = rng.random((2, discs)) * side
-    push_apart(x, y, radius, side, side, 100_000)
+    push_apart(x, y, radius, np.ones(discs, np.int32), side, side, 100_000)
     return np.column_stack([x, y]), radius, side
 
 

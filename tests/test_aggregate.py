@@ -23,7 +23,7 @@ from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.runner import run_job
 from shear_sim.statistics import RESAMPLES
 from shear_sim.study import load_study
-from shear_sim.summary import print_summary
+from shear_sim.summary import _three_digits, print_summary
 
 STUDY = """
 model: {kind: kelvin_voigt, noise: 2.0}
@@ -184,6 +184,17 @@ def printed(tables, **keys):
     file = io.StringIO()
     print_summary(tables, Console(file=file, **keys))
     return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (999.4, "999"), (999.6, "1000"), (1969.6, "1970"), (-999.9, "-1000"), (999_400.0, "999000"),
+        (999_600.0, "1e+06"), (0.0009996, "0.001"), (816.4, "816"), (np.inf, "inf"),
+    ],
+)  # fmt: skip
+def test_numbers_are_rounded_before_their_format_is_chosen(value, text):
+    assert _three_digits(value) == text
 
 
 def test_a_partial_study_says_so_everywhere(tmp_path):

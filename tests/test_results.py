@@ -5,9 +5,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from kelvin_voigt import COLUMNS
+from tools import write_study
 
 from shear_sim import results as module
+from shear_sim.plan import make_plan
 from shear_sim.results import Failure, Results, ResultsError, find_job
+from shear_sim.study import load_study
 from shear_sim.tables import write_arrow, write_table
 
 
@@ -131,10 +134,55 @@ def test_damaged_results_are_named_and_left_out(results):
         assert results.index().num_rows == 2
 
 
-def test_results_of_a_newer_format_say_so(results):
+def test_results_of_a_newer_version_say_so_and_are_not_touched(results, tmp_path):
     write_job(results, "a" * 16, format=2)
-    with pytest.warns(RuntimeWarning, match="format 2, this program reads 1"):
-        assert results.index().num_rows == 0
+    message = r"made by a newer version of shear-sim \(format 2; this one reads 1\)"
+    with pytest.raises(ResultsError, match=message):
+        results.index()
+    study = load_study(write_study(tmp_path))
+    write_arrow(results.plan_file, pa.table({"job": []}), {"format": 2})
+    for use in (
+        lambda: Results.existing(results.folder),
+        lambda: make_plan(study, results),
+        lambda: results.prepare(study),
+    ):
+        with pytest.raises(ResultsError, match=message):
+            use()
+    assert not results.study_file.exists()
+
+
+@pytest.mark.parametrize("place", [0.001, 0.2, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("damage", ["flipped bit", "truncated"])
+def test_any_damage_is_found_by_the_checksum_and_set_aside_when_told(results, damage, place):
+    for job in ids(3):
+        write_job(results, job)
+    assert results.damaged() == {}
+    path = results.job_file(ids(3)[1])
+    content = bytearray(path.read_bytes())
+    at = int(place * len(content))
+    if damage == "truncated":
+        del content[at:]
+    else:
+        content[at] ^= 16
+    path.write_bytes(content)
+    damaged = results.damaged()
+    assert list(damaged) == [path.stem]
+    assert str(path) in damaged[path.stem]
+    with pytest.warns(RuntimeWarning, match="1 damaged result"):
+        assert results.index().num_rows == 2
+    assert path.read_bytes() == content
+    assert results.set_aside(path.stem).read_bytes() == content
+    assert results.damaged() == {}
+    assert results.finished() == {ids(3)[0], ids(3)[2]}
+
+
+def test_a_flipped_bit_in_the_index_changes_no_table(results):
+    write_job(results, "a" * 16, storage=1.5)
+    results.index()
+    content = bytearray(results.index_file.read_bytes())
+    content[len(content) // 3] ^= 1
+    results.index_file.write_bytes(content)
+    assert results.index().column("moduli.periodic.storage").to_pylist() == [1.5]
 
 
 def test_a_thousand_results_are_indexed_in_seconds(results):

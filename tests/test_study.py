@@ -682,7 +682,13 @@ def test_reading_a_study_is_light():
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("quick", 20, 60), ("main", 1500, 1800), ("full", 20_000, 30_000), ("hard_disc", 40, 60)],
+    [
+        ("quick", 20, 60),
+        ("main", 1500, 1800),
+        ("full", 20_000, 30_000),
+        ("hard_disc", 40, 60),
+        ("soft_particle_ring", 5, 5),
+    ],
 )
 def test_configs_load_and_have_their_size(name, least, most):
     it = load_study(CONFIGS / f"{name}.yaml")
@@ -692,8 +698,28 @@ def test_configs_load_and_have_their_size(name, least, most):
     assert len({job.id for job in jobs}) == len(jobs)
 
 
+@pytest.mark.parametrize(
+    ("name", "jobs"),
+    [
+        ("jamming", 80), ("rheology_64", 132), ("rheology_256", 42), ("rheology_1024", 20),
+        ("rheology_1024_dense", 2), ("signals", 2), ("snapshots", 7),
+    ],
+)  # fmt: skip
+def test_longer_studies_of_hard_discs_load_and_have_their_size(name, jobs):
+    assert len(load_study(CONFIGS / "hard_disc" / f"{name}.yaml").jobs()) == jobs
+
+
 def test_every_config_file_is_tested():
-    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {"quick", "main", "full", "hard_disc"}
+    longer = {"jamming", "rheology_64", "rheology_256", "rheology_1024", "rheology_1024_dense"}
+    longer |= {"signals", "snapshots"}
+    assert {path.stem for path in (CONFIGS / "hard_disc").glob("*.yaml")} == longer
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {
+        "quick",
+        "main",
+        "full",
+        "hard_disc",
+        "soft_particle_ring",
+    }
 
 
 def test_the_main_study_is_the_published_one_in_small():

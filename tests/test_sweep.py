@@ -9,7 +9,15 @@ import time
 from collections import Counter
 
 import pytest
-from tools import assert_same, processes, run, start, wait_until, write_study
+from tools import (
+    assert_same,
+    assert_same_but_for_the_wait,
+    processes,
+    run,
+    start,
+    wait_until,
+    write_study,
+)
 
 import shear_sim
 from shear_sim import sweep
@@ -196,22 +204,6 @@ def test_kill_9_of_the_sweep_loses_nothing_and_leaves_no_process(
     assert code == 0
     assert [path for path in results.jobs.iterdir() if path.suffix != ".parquet"] == []
     assert_same_but_for_the_wait(undisturbed, results)
-
-
-def assert_same_but_for_the_wait(undisturbed, slow):
-    """Compare columns and moduli: the slow study differs in ``model.seconds``, hence in ids."""
-
-    def facts(results):
-        tables = [read_table(path) for path in results.jobs.iterdir()]
-        return sorted(
-            (
-                [values.tobytes() for values in table.columns.values()],
-                str(table.summary["moduli"]),
-            )
-            for table in tables
-        )
-
-    assert facts(slow) == facts(undisturbed)
 
 
 def test_kill_9_of_workers_and_server_loses_their_jobs_only(undisturbed, tmp_path, environment):

@@ -79,3 +79,19 @@ def assert_same(one, other):
     assert names == sorted(path.name for path in other.jobs.iterdir())
     for name in names:
         assert differences(read_table(one.jobs / name), read_table(other.jobs / name)) == []
+
+
+def assert_same_but_for_the_wait(undisturbed, slow):
+    """Compare columns and moduli: the slow study differs in ``model.seconds``, hence in ids."""
+
+    def facts(results):
+        tables = [read_table(path) for path in results.jobs.iterdir()]
+        return sorted(
+            (
+                [values.tobytes() for values in table.columns.values()],
+                str(table.summary["moduli"]),
+            )
+            for table in tables
+        )
+
+    assert facts(slow) == facts(undisturbed)

@@ -190,10 +190,11 @@ def compile(study: StudyFile) -> None:  # noqa: A001 - the name of the command
     Example: shear-sim compile configs/main.yaml
     """
     loaded = _load(study)
-    from shear_sim.compiled import cache_folder
+    from shear_sim.compiled import cache_folder, compiling
     from shear_sim.workers import compile_for
 
-    compile_for(loaded.jobs(), _tell)
+    with compiling(loaded.kernels):
+        compile_for(loaded.jobs(), _tell)
     typer.echo(f"compiled code is in {cache_folder()}")
 
 
@@ -285,6 +286,34 @@ def show(
     else:
         summary = read_job_summary(path)
     typer.echo(_json(summary) if as_json else f"{path}\n{describe_job(summary)}")
+
+
+@app.command()
+def verify(
+    results: ResultsFolder,
+    remove: Annotated[
+        bool, typer.Option("--remove", help="Move damaged results aside: the sweep replaces them.")
+    ] = False,
+) -> None:
+    """Read every result and compare it with its checksum; exit code 1 if any is damaged.
+
+    Damaged results stay where they are, and are left out by aggregate, until --remove moves them
+    to damaged/ and the next sweep computes them again.
+
+    Example: shear-sim verify results/main
+    """
+    from shear_sim.results import Results
+
+    of = Results.existing(results)
+    damaged = of.damaged()
+    for job, problem in damaged.items():
+        moved = f"; moved to {of.set_aside(job)}" if remove else ""
+        typer.echo(f"damaged: {problem}{moved}")
+    typer.echo(f"{len(of.finished()) + len(damaged) * remove} results, {len(damaged)} damaged")
+    if damaged:
+        how = "next: shear-sim sweep STUDY.yaml" if remove else "next: the same with --remove"
+        typer.echo(how)
+    raise typer.Exit(1 if damaged else 0)
 
 
 @app.command()

@@ -43,9 +43,11 @@ def find_pairs(
     higher = int(np.ceil(reach / cell_height))  # rows above a disc's own that it reaches
 
     cell = np.empty(n, np.int32)
+    row_of = np.empty(n, np.int32)
     first = np.zeros(columns * rows + 1, np.int32)
     for a in range(n):
         row = min(int(y[a] / cell_height), rows - 1)
+        row_of[a] = row
         cell[a] = row * columns + min(int(x[a] / cell_width), columns - 1)
         first[cell[a] + 1] += 1
     for c in range(columns * rows):
@@ -62,46 +64,59 @@ def find_pairs(
     capacity = 8 * n + 64
     found = np.empty((4, capacity), np.int32)
     count = 0
-    per_disc = np.zeros(n + 1, np.int32)
     for a in range(n):
         for up in range(higher + 1):
-            row = cell[a] // columns + up
-            ny = row // rows
-            row -= ny * rows
+            # Whole numbers are divided by subtraction: the quotient is 0 or 1 but in tiny cells.
+            row, ny = row_of[a] + up, 0
+            while row >= rows:
+                row -= rows
+                ny += 1
             shift = ny * offset
             x0, y0 = x[a] - shift, y[a] - ny * height
             # In its own row a disc looks to the right, and every pair is seen once.
             left = int(np.floor((x0 - (reach if up else 0.0)) / cell_width))
             right = int(np.floor((x0 + reach) / cell_width))
-            for nx in range(left // columns, right // columns + 1):
-                base = (row - nx) * columns
-                begin = first[max(left + base, row * columns)]
-                end = first[min(right + base, (row + 1) * columns - 1) + 1]
+            nx = 0
+            while left < 0:
+                left += columns
+                right += columns
+                nx -= 1
+            while left >= columns:
+                left -= columns
+                right -= columns
+                nx += 1
+            while right >= 0:
+                begin = first[row * columns + max(left, 0)]
+                end = first[row * columns + min(right, columns - 1) + 1]
                 xn = x0 - nx * width
+                if count + end - begin > capacity:
+                    capacity *= 2
+                    larger = np.empty((4, capacity), np.int32)
+                    for q in range(4):  # a slice takes seconds to compile
+                        for old in range(count):
+                            larger[q, old] = found[q, old]
+                    found = larger
+                # Half of the candidates are near, in no order: to write all of them and to go on
+                # only where one is near costs less than to guess wrongly.
                 for m in range(begin, end):
                     dx, dy = sx[m] - xn, sy[m] - y0
                     near = radius[a] + sr[m] + skin
-                    if dx * dx + dy * dy >= near * near:
-                        continue
                     b = member[m]
-                    if a == b or (up == 0 and (dx < 0.0 or (dx == 0.0 and b < a))):
-                        continue
-                    if count == capacity:
-                        capacity *= 2
-                        larger = np.empty((4, capacity), np.int32)
-                        for q in range(4):  # a slice takes seconds to compile
-                            for old in range(count):
-                                larger[q, old] = found[q, old]
-                        found = larger
-                    if a < b:
-                        found[0, count], found[1, count] = a, b
-                        found[2, count], found[3, count] = nx, ny
-                    else:
-                        found[0, count], found[1, count] = b, a
-                        found[2, count], found[3, count] = -nx, -ny
-                    per_disc[found[0, count] + 1] += 1
-                    count += 1
+                    once = (up > 0) | (dx > 0.0) | ((dx == 0.0) & (b > a))
+                    found[0, count], found[1, count] = a, b
+                    found[2, count], found[3, count] = nx, ny
+                    count += (dx * dx + dy * dy < near * near) & once & (a != b)
+                left -= columns
+                right -= columns
+                nx += 1
 
+    per_disc = np.zeros(n + 1, np.int32)
+    for q in range(count):
+        a, b = found[0, q], found[1, q]
+        if a > b:
+            found[0, q], found[1, q] = b, a
+            found[2, q], found[3, q] = -found[2, q], -found[3, q]
+        per_disc[min(a, b) + 1] += 1
     for a in range(n):
         per_disc[a + 1] += per_disc[a]
     fill = per_disc[:-1].copy()

@@ -192,12 +192,12 @@ def make_plan(
     PlanError
         If ``jobs`` is no number above 0, or Slurm's variable holds none.
     ResultsError
-        If the results are imported ones.
+        If the results are imported ones, or of a newer version of the program.
     """
     if jobs is not None and jobs < 1:
         msg = f"jobs={jobs}: must be a whole number above 0; None is as many as there are cores"
         raise PlanError(msg)
-    results.refuse_imported()
+    results.refuse_others()
     points = {job.id: point for point, of in study.groups().items() for job in of}
     part = study.jobs()[shard[0] :: shard[1]]
     finished, failures = results.finished(), results.failures()

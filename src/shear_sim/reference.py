@@ -66,7 +66,11 @@ def _key(name: str, info: FieldInfo, indent: str) -> Iterator[str]:
     if not options:
         yield from _commented(f"{indent}{name}: {_value(info)}", _meaning(info))
         return
-    default = type(info.get_default(call_default_factory=True))
+    if get_origin(info.annotation) is tuple:
+        yield from _list(name, options[0], indent)
+        return
+    value = info.get_default(call_default_factory=True)
+    default = options[0] if value is PydanticUndefined else type(value)
     yield from _section(name, default, indent, info)
     for option in options:
         if option is not default:
@@ -77,7 +81,7 @@ def _key(name: str, info: FieldInfo, indent: str) -> Iterator[str]:
 def _section(
     name: str, section: type[BaseModel], indent: str, info: FieldInfo | None = None
 ) -> Iterator[str]:
-    text = (info.description if info else None) or (section.__doc__ or "").splitlines()[0]
+    text = (info.description if info else None) or (section.__doc__ or "").partition("\n")[0]
     yield from _commented(f"{indent}{name}:", text.removesuffix("."))
     for key, each in fields_of(section).items():
         if key not in FILLED_IN:
@@ -86,6 +90,14 @@ def _section(
                 yield f"{indent}  kind: {kind}"
             else:
                 yield from _key(key, each, f"{indent}  ")
+
+
+def _list(name: str, section: type[BaseModel], indent: str) -> Iterator[str]:
+    """Yield the lines of a list with one item."""
+    yield f"{indent}{name}:"
+    first, *rest = _section("-", section, f"{indent}  ")
+    yield first.replace("-:", "- ", 1)
+    yield from rest
 
 
 def _commented(text: str, comment: str) -> Iterator[str]:

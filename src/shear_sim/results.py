@@ -9,6 +9,7 @@
       failed/<job id>.json  one per failed job: why
       submissions/          one file per job number of Slurm
       checkpoints/          jobs that were stopped, or take long: they go on from there
+      damaged/              results that `shear-sim verify --remove` found and set aside
       index.parquet         summaries of all finished jobs; a cache, rebuilt at any time
       tables/ figures/ logs/
 
@@ -19,6 +20,7 @@ run the same job write the same bytes.
 import contextlib
 import json
 import os
+import tempfile
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -102,6 +104,7 @@ class Results:
             hint = "give results/<study>, as made by `shear-sim sweep STUDY.yaml`"
             msg = f"{folder}: not a results folder (no jobs/ in it); {hint}"
             raise ResultsError(msg)
+        results.refuse_newer()
         return results
 
     def prepare(self, study: "Study", *, keep_plan: bool = True) -> None:
@@ -114,11 +117,13 @@ class Results:
         ResultsError
             If the folder cannot be written, or holds runs that were imported.
         """
-        self.refuse_imported()
+        self.refuse_others()
         try:
             for name in ("jobs", "failed", "checkpoints", "tables", "figures", "logs"):
                 (self.folder / name).mkdir(parents=True, exist_ok=True)
                 remove_partial(self.folder / name)
+            with tempfile.TemporaryFile(dir=self.jobs):
+                pass  # or nothing of this would have been written
             for path in self.checkpoints.glob("*.pickle"):
                 if self.job_file(path.stem).exists():  # by another run of the same job
                     path.unlink(missing_ok=True)
@@ -176,14 +181,26 @@ class Results:
             return program
         return None
 
-    def refuse_imported(self) -> None:
-        """Refuse to add runs of ours to imported ones.
+    def refuse_newer(self) -> None:
+        """Refuse to touch what this version does not know.
 
         Raises
         ------
         ResultsError
-            If the folder holds imported runs.
+            If a newer version of the program has made these results.
         """
+        with contextlib.suppress(TableError):
+            _refuse_newer(self.folder, read_summary(self.plan_file))
+
+    def refuse_others(self) -> None:
+        """Refuse to add runs of ours to imported ones, or to those of a newer version.
+
+        Raises
+        ------
+        ResultsError
+            If the folder holds such runs.
+        """
+        self.refuse_newer()
         if program := self.program():
             msg = (
                 f"{self.folder}: holds runs imported from {program}, to which none of ours are "
@@ -272,6 +289,24 @@ class Results:
         _warn(damaged)
         return kept.drop_columns(["mtime_ns"])
 
+    def damaged(self) -> dict[str, str]:
+        """Return what is wrong with each damaged result, by job id; all are read whole."""
+        found = {}
+        for job in sorted(self.finished()):
+            path = self.job_file(job)
+            try:
+                read_table(path)
+                _index_row(path, (0, 0))
+            except TableError as error:
+                found[job] = str(error)
+        return found
+
+    def set_aside(self, job: str) -> Path:
+        """Move a damaged result to ``damaged/``, so that its job runs again; return where it is."""
+        folder = self.folder / "damaged"
+        folder.mkdir(exist_ok=True)
+        return self.job_file(job).replace(folder / f"{job}.parquet")
+
     def summaries(self, jobs: Iterable[str]) -> list[dict[str, Any]]:
         """Return the summaries of these jobs; damaged ones are left out with a warning."""
         found, damaged = [], {}
@@ -292,6 +327,19 @@ class Results:
                 return read_arrow(self.index_file)
         types = (pa.string(), pa.int64(), pa.int64())
         return pa.table({n: pa.array([], t) for n, t in zip(STAMPED, types, strict=True)})
+
+
+def _refuse_newer(path: Path, summary: Mapping[str, Any]) -> None:
+    found = summary.get("format")
+    if not isinstance(found, int):
+        msg = f"{path}: does not say of what format it is"
+        raise TableError(msg)
+    if found > FORMAT:
+        msg = (
+            f"{path}: made by a newer version of shear-sim (format {found}; this one reads "
+            f"{FORMAT}): use that version"
+        )
+        raise ResultsError(msg)
 
 
 def _warn(damaged: Mapping[str, str]) -> None:
@@ -382,12 +430,7 @@ def read_job_summary(path: Path) -> dict[str, Any]:
 def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     """Return the row of one result file; ``stamp`` is its size and time of change."""
     summary = read_job_summary(path)
-    if summary.get("format") != FORMAT:
-        msg = (
-            f"{path}: results of format {summary.get('format')}, this program reads {FORMAT}: "
-            "use the version of shear-sim that wrote it, or a newer one"
-        )
-        raise TableError(msg)
+    _refuse_newer(path, summary)
     job = summary["job"]
     if job["id"] != path.stem:
         msg = f"{path}: the result of another job, {job['id']}"

@@ -15,7 +15,7 @@ window only fixes where τ₀ is read.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -30,7 +30,6 @@ TENSORS = {
     "internal": "shear_stress_internal",
     "external": "shear_stress_external",
 }
-WITHOUT_RHEOLOGY = ("compression", "self_propelled")  # kinds of protocol
 HARMONICS = 9
 #: Range outside which each quality of a run is flagged (closed). The first two are the limits of
 #: the authors of the method; a change or drift of a tenth is no stationary response.
@@ -281,20 +280,12 @@ def summarise(
         ``surface_internal_differ``: the first two outside their `LIMITS`). Steady shear: ``steady``
         (see `steady_shear`) and ``flags``. A quantity that does not exist, such as a baseline
         without a rest, is None. Where nothing can be fitted, ``flags["no_moduli"]``
-        (``"no_steady"``) holds the reason. Protocols of `WITHOUT_RHEOLOGY`: ``flags``, without any.
-
-    Raises
-    ------
-    ValueError
-        For a protocol of another kind.
+        (``"no_steady"``) holds the reason. Protocols of any other kind: ``flags``, without any.
     """
     if protocol["kind"] == "steady":
         return _summarise_steady(columns, protocol)
-    if protocol["kind"] in WITHOUT_RHEOLOGY:
-        return {"flags": {}}
     if protocol["kind"] != "oscillatory":
-        msg = f"protocol kind {protocol['kind']!r} is neither 'oscillatory' nor 'steady'"
-        raise ValueError(msg)
+        return {"flags": {}}
     found: dict[str, Moduli | None] = {}
     reason = None
     for each in protocol.get("tensors", TENSORS):
@@ -338,7 +329,7 @@ def summarise(
 
 def _jsonable(fit: Moduli) -> dict[str, Any]:
     """Return the fields with lists for tuples, as JSON gives them back."""
-    return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(fit).items()}
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in vars(fit).items()}
 
 
 def _outside(name: str, quality: Mapping[str, float | None]) -> bool | None:

@@ -22,6 +22,7 @@ _SHOWN = {
     "steady": {"shear_stress": "τ", "viscosity": "η"},
     "compression": {"final_packing_fraction": "φ"},
     "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
+    "diametral_compression": {"final_scaled_force": "F R²/EI", "final_area_ratio": "V/V₀"},
 }
 #: Of features and contrasts: (landmark, quantity) and heading.
 _LANDMARKS = {
@@ -242,9 +243,8 @@ def _estimate(row: Any, value: str, quantity: str) -> str:
 
 def _three_digits(value: float) -> str:
     """Return a number with three significant digits; 1970, not 1.97e+03."""
-    if 1000 <= abs(value) < 1e6:
-        return f"{float(f'{value:.3g}'):.0f}"
-    return f"{value:.3g}"
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.0f}" if 1000 <= abs(rounded) < 1e6 else f"{value:.3g}"
 
 
 def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:

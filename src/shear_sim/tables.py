@@ -1,10 +1,13 @@
 """Files that exist only whole, and Parquet tables that carry units and a summary.
 
 Each column's field metadata holds its ``unit`` and ``description``; the file's metadata holds,
-under ``shear_sim``, one JSON document: the summary of what the table is about.
+under ``shear_sim``, one JSON document: the summary of what the table is about. Under
+``shear_sim_sha256`` it holds the checksum of the whole file (with zeros in the place of it), which
+every reading verifies: other programs see one more word.
 """
 
 import contextlib
+import hashlib
 import json
 import os
 import platform
@@ -21,9 +24,11 @@ if TYPE_CHECKING:
     import pyarrow
 
 SUMMARY_KEY = "shear_sim"
+CHECKSUM_KEY = "shear_sim_sha256"
 ABANDONED_SECONDS = 86_400.0  # age at which a partial file of another host is nobody's any more
 
 _HOST = platform.node()
+_NO_CHECKSUM = b"0" * 64
 
 
 class TableError(Exception):
@@ -182,8 +187,44 @@ def write_arrow(path: Path, table: "pyarrow.Table", summary: Mapping[str, Any]) 
     ) as writer:
         writer.write_table(table)
         # Not in the schema's metadata, of which the file would hold a second copy.
-        writer.add_key_value_metadata({SUMMARY_KEY: to_json(summary)})
-    write_whole(path, sink.getvalue())
+        writer.add_key_value_metadata(
+            {SUMMARY_KEY: to_json(summary), CHECKSUM_KEY: _NO_CHECKSUM.decode()}
+        )
+    content = sink.getvalue().to_pybytes()
+    head, _, tail = _parted(content)
+    write_whole(path, head + hashlib.sha256(content).hexdigest().encode() + tail)
+
+
+def _parted(content: bytes) -> tuple[bytes, bytes, bytes]:
+    """Return what is before the checksum of a table, the checksum (or nothing) and the rest."""
+    key = CHECKSUM_KEY.encode()
+    found = content.rfind(key)
+    if found < 0:
+        return content, b"", b""
+    begin = found + len(key) + 2  # type and length of the value
+    end = begin + len(_NO_CHECKSUM)
+    return content[:begin], content[begin:end], content[end:]
+
+
+def _content(path: Path) -> bytes:
+    """Return the bytes of a table whose checksum is right; tables of old have none.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, or any bit of it is not what was written.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise _damaged(path, error) from error
+    head, checksum, tail = _parted(content)
+    if checksum:
+        expected = hashlib.sha256(head + _NO_CHECKSUM + tail).hexdigest().encode()
+        if checksum != expected:
+            msg = f"{path}: damaged: its checksum is wrong"
+            raise TableError(msg)
+    return content
 
 
 def read_table(path: Path, names: Iterable[str] | None = None) -> Table:
@@ -194,19 +235,24 @@ def read_table(path: Path, names: Iterable[str] | None = None) -> Table:
     TableError
         If the file is damaged, is not a table of shear-sim or lacks a column.
     """
-    table = read_arrow(path, names)
+    content = _content(path)
+    table = _arrow_of(content, path, names)
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
-    return Table(columns, read_summary(path))
+    return Table(columns, _summary_of(content, path))
 
 
 def read_arrow(path: Path, names: Iterable[str] | None = None) -> "pyarrow.Table":
     """Read the columns of a table as Arrow; see :func:`read_table`."""
+    return _arrow_of(_content(path), path, names)
+
+
+def _arrow_of(content: bytes, path: Path, names: Iterable[str] | None) -> "pyarrow.Table":
     import pyarrow as pa
     from pyarrow import parquet
 
     wanted = None if names is None else list(names)
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(pa.BufferReader(content)) as file:
             if missing := set(wanted or ()) - set(file.schema_arrow.names):
                 msg = f"{path}: no column {', '.join(sorted(missing))}"
                 raise TableError(msg)
@@ -217,18 +263,22 @@ def read_arrow(path: Path, names: Iterable[str] | None = None) -> "pyarrow.Table
 
 
 def read_summary(path: Path) -> dict[str, Any]:
-    """Read only the summary of a table: its last few kilobytes, however long it is.
+    """Read only the summary of a table.
 
     Raises
     ------
     TableError
         If the file is damaged or is not a table of shear-sim.
     """
+    return _summary_of(_content(path), path)
+
+
+def _summary_of(content: bytes, path: Path) -> dict[str, Any]:
     import pyarrow as pa
     from pyarrow import parquet
 
     try:
-        metadata = parquet.read_metadata(path).metadata or {}
+        metadata = parquet.read_metadata(pa.BufferReader(content)).metadata or {}
     except (pa.ArrowException, OSError) as error:
         raise _damaged(path, error) from error
     try:

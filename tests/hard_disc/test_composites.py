@@ -5,6 +5,7 @@ import pytest
 from hard_discs import flow, overlap
 
 from shear_sim.models.hard_disc.active_set import Jammed
+from shear_sim.models.hard_disc.certificate import certify, is_proof
 
 TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(0.75)]])
 EDGES = np.array([[0, 1], [1, 2], [0, 2]])
@@ -39,6 +40,20 @@ def test_bonds_pull_and_push():
     f.advance(2.0)
     assert f.x == pytest.approx([3, 4, 5], abs=1e-12)
     assert sorted(f.set.phi) == pytest.approx([-2.0, -1.0])
+
+
+def test_a_chain_folds_until_it_touches_itself():
+    """Its ends pushed together, it ends as an equilateral triangle at rest."""
+    f = flow(
+        [(5 - np.cos(0.1), 5 + np.sin(0.1)), (5, 5), (5 + np.cos(0.1), 5 + np.sin(0.1))],
+        0.5, bonds=[(0, 1), (1, 2)], velocity=[(1, 0), (0, 0), (-1, 0)],
+    )  # fmt: skip
+    f.advance(20.0)
+    assert f.x[2] - f.x[0] == pytest.approx(1.0, abs=1e-12)
+    assert f.y[0] - f.y[1] == pytest.approx(np.sqrt(0.75), abs=1e-11)
+    assert f.counts.collisions == 1
+    assert len(f.set.pairs) == 3
+    assert np.abs(f.set.velocities(f.instant())).max() < 1e-9
 
 
 def test_a_rigid_triple_turns_with_the_flow():
@@ -110,6 +125,9 @@ def test_compressed_bodies_jam_with_all_beads_counted(seed):
     f = flow(beads, radius, side, bonds=bonds, compression=1)
     with pytest.raises(Jammed) as jam:
         f.advance(2.0)
+    found = certify(f.instant(), jam.value, f.path)
+    assert is_proof(found)
+    assert found["isostatic"]
     pairs, force = jam.value.pairs, jam.value.force
     i, j, rx, ry = f.instant().contacts(pairs)
     push = np.zeros((2, len(radius)))
@@ -121,6 +139,7 @@ def test_compressed_bodies_jam_with_all_beads_counted(seed):
     assert (force[temporary] > 0).all()
     held = len(np.unique(np.concatenate([i, j]) // 3))
     assert temporary.sum() + 3 * held == 2 * 3 * held - 1
+    assert found["discs"] == 3 * held
 
 
 def test_bonds_must_touch():

@@ -14,7 +14,7 @@ SECTION = {"kind": "self_propelled", "duration": 3.0, "persistence": 2.0}
 def test_forces_have_mean_square_one_and_any_direction():
     for force in ("uniform", "fixed"):
         section = HardDiscSelfPropulsion(kind="self_propelled", force=force)
-        drift = SelfPropelled(section, 20_000, Streams(0, 0)).drive.drift
+        drift = SelfPropelled(section, np.ones(20_000), Streams(0, 0)).drive.drift
         # Standard errors over 20,000 discs: under 0.007 and 0.005.
         assert (drift**2).sum(axis=0).mean() == pytest.approx(1.0, abs=0.03)
         assert np.abs(drift.mean(axis=1)).max() < 0.025
@@ -23,7 +23,7 @@ def test_forces_have_mean_square_one_and_any_direction():
 def test_contacts_change_no_momentum():
     """Σ V = ξ Σ F at every instant (equal mobilities), whoever pushes whom."""
     position, radius, side = packing(40, 0.5, 3)
-    driving = SelfPropelled(HardDiscSelfPropulsion(**SECTION), 40, Streams(1, 0))
+    driving = SelfPropelled(HardDiscSelfPropulsion(**SECTION), np.ones(40), Streams(1, 0))
     f = flow(position, radius, side)
     f.steer(driving.drive)
     for _ in range(150):

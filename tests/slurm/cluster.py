@@ -25,7 +25,7 @@ SlurmctldPort={port}
 SlurmUser=root
 SlurmdUser=root
 AuthType=auth/munge
-AuthInfo=socket={folder}/munge.socket,cred_expire=3
+AuthInfo=socket={folder}/munge.socket,cred_expire=5
 CredType=cred/munge
 CommunicationParameters=NoCtldInAddrAny,NoInAddrAny
 StateSaveLocation={folder}/state
@@ -49,7 +49,7 @@ JobRequeue=1
 MaxArraySize={max_array_size}
 KillWait=5
 SlurmctldTimeout=10
-SlurmdTimeout=10
+SlurmdTimeout=6
 InactiveLimit=0
 Waittime=0
 """
@@ -80,7 +80,7 @@ def _address() -> str:
 class Cluster:
     """Nodes n0, n1, ... of one core each; the last is in the partition ``apart`` alone."""
 
-    def __init__(self, nodes: int = 3, max_array_size: int = 6) -> None:
+    def __init__(self, nodes: int = 3, max_array_size: int = 3) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="shear-sim-slurm-"))
         self.nodes = [f"n{number}" for number in range(nodes)]
         self.daemons: dict[str, subprocess.Popen[bytes]] = {}
@@ -171,6 +171,10 @@ class Cluster:
         """Return the state of every waiting or running task, by ``<array>_<index>``."""
         lines = self.ask("squeue", "-h", "-r", "-o", "%i %T").splitlines()
         return dict(line.split() for line in lines)
+
+    def requeued(self) -> int:
+        """Return how often jobs were put back into the queue because their node died."""
+        return (self.folder / "slurmctld.log").read_text().count("due to failure of node")
 
     def ended(self, job: str) -> bool:
         """Tell whether nothing of a job or array waits or runs."""

@@ -1,25 +1,28 @@
 """What the tables of a study hold: one row per what, and every column with unit and meaning.
 
-==================  ===================================  ======================================
-table               one row per                          joins by
-==================  ===================================  ======================================
-``runs``            finished job of the plan             ``job``, ``point``, ``curve``
-``cycles``          whole period of a run                ``job``, ``point``
-``harmonics``       harmonic (1 to 9) of a run           ``job``, ``point``
-``historical``      run, tensor, historical estimator    ``job``, ``point``
-``curves``          point of the plan                    ``point``, ``curve``
-``features``        curve and landmark                   ``curve``
-``contrasts``       comparison of curves                 parameters
-``steady``          point of the plan, in steady shear   ``point``
-``compression``     point of the plan, in compression    ``point``
-``self_propelled``  point of the plan, self-propelled    ``point``
-==================  ===================================  ======================================
+=========================  ===================================  =============================
+table                      one row per                          joins by
+=========================  ===================================  =============================
+``runs``                   finished job of the plan             ``job``, ``point``, ``curve``
+``cycles``                 whole period of a run                ``job``, ``point``
+``harmonics``              harmonic (1 to 9) of a run           ``job``, ``point``
+``historical``             run, tensor, historical estimator    ``job``, ``point``
+``curves``                 point of the plan                    ``point``, ``curve``
+``features``               curve and landmark                   ``curve``
+``contrasts``              comparison of curves                 parameters
+``steady``                 point of the plan, in steady shear   ``point``
+``compression``            point of the plan, in compression    ``point``
+``self_propelled``         point of the plan, self-propelled    ``point``
+``body_force``             point of the plan, under a force     ``point``
+``stages``                 point of the plan, driven in stages  ``point``
+``diametral_compression``  point of the plan, between plates    ``point``
+=========================  ===================================  =============================
 
 A *point* is all replicates of one set of parameters, a *curve* all points that differ in the
 strain amplitude alone. Varied parameters are columns of ``runs``, ``curves``, ``features`` and
 ``contrasts`` under their dotted keys of the study file; no other column has a dot. ``scene`` is
 sorted as in the study file. What a model measures by itself (`MEASURED` of
-`shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the last three.
+`shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the last five.
 
 In ``curves`` everything is of the *mean response*: the harmonics of the runs are averaged over
 replicates first, and ratios such as tan δ and I3/I1 are formed after (see `response`). The mean of
@@ -35,6 +38,9 @@ POINT_TABLES = {
     "steady": "steady",
     "compression": "compression",
     "self_propelled": "self_propelled",
+    "body_force": "body_force",
+    "stages": "stages",
+    "diametral_compression": "diametral_compression",
 }
 
 LABELS = (

@@ -6,7 +6,7 @@ from typing import cast
 
 from shear_sim.models.interface import Model
 
-KINDS = ("microgel", "hard_disc")
+KINDS = ("microgel", "hard_disc", "soft_particle")
 DEFAULT_KIND = "microgel"
 
 

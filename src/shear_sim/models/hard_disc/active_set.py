@@ -25,6 +25,9 @@ DEPENDENT = 1e-22
 CORNER = 1e-10  # the same for the last contact at fixed pressure, from a difference
 NO_CHANGE = 1e-7  # of the largest change of a force: less may be round-off
 FORCE_TOLERANCE = 1e-12  # of the mean force: contacts with less may open
+PATIENCE = (
+    2  # so many times the number of contacts may join at one instant before they go in circles
+)
 SPEED_TOLERANCE = 1e-11  # of the fastest disc: pairs that approach slower may be contacts or not
 
 
@@ -138,11 +141,12 @@ def velocities(
 @jit
 def most_violated(
     i: Ints, j: Ints, rx: Floats, ry: Floats, gap: Floats, open_pairs: Ints, u: Floats,
-    shear: float, kappa: float, touch: float, tolerance: float,
+    shear: float, kappa: float, touch: float, tolerance: float, overlap: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Return which of the touching open pairs approaches fastest (−1: none), and its w = r·ṙ.
 
-    Pairs that overlap count when they approach at all, others when faster than ``tolerance``.
+    Pairs with a gap under ``overlap`` count when they approach at all, others when faster than
+    ``tolerance``.
     """
     worst = 0.0
     which = -1
@@ -155,7 +159,7 @@ def most_violated(
             + rx[c] * (u[0, j[c]] - u[0, i[c]])
             + ry[c] * (u[1, j[c]] - u[1, i[c]])
         )
-        if w < worst and (gap[c] < 0.0 or w < -tolerance):
+        if w < worst and (gap[c] < overlap or w < -tolerance):
             worst = w
             which = c
     return which, worst
@@ -213,6 +217,8 @@ class ActiveSet:
         Of the contact matrix of ``pairs``.
     factorisations : int
         How many there were.
+    dependent : int
+        How often a pair touched and depended on the contacts: forces are then one of many.
     """
 
     factor: Factor
@@ -223,6 +229,7 @@ class ActiveSet:
         self.open_pairs: Ints = np.ones(candidates, np.int32)
         self.kappa = 0.0
         self.factorisations = 0
+        self.dependent = 0
 
     def start(self, now: Instant, touch: float) -> None:
         """Find the forces of an instant of which nothing is known but who touches whom.
@@ -269,17 +276,26 @@ class ActiveSet:
         ------
         Jammed
             If no forces stop the discs.
+        Arrested
+            If round-off hides which contacts there are.
         """
         before = self.factorisations
         if not solved:
             self._must_balance(now)
         joined: list[int] = []
         refused = self.open_pairs.copy()
-        while True:
+        patience = PATIENCE * (len(self.pairs) + 10)
+        overlap = 0.0
+        for tried in range(10 * patience):
             u = self.velocities(now)
             tolerance = 1e-10 + SPEED_TOLERANCE * float(np.abs(u).max())
+            if tried > patience:
+                # In crystals contacts depend on each other but for the round-off of their gaps,
+                # and which of them bear force is nobody's: only what makes them overlap counts.
+                tolerance *= 10.0 ** (tried // patience)
+                overlap = -touch
             pair, speed = most_violated(
-                *now[:5], refused, u, now.drive.shear, self.kappa, touch, tolerance
+                *now[:5], refused, u, now.drive.shear, self.kappa, touch, tolerance, overlap
             )
             if pair < 0 and self.factorisations > before:
                 return joined
@@ -292,6 +308,8 @@ class ActiveSet:
             # What left on the way may come back; what did not join, depends or does not approach.
             refused = np.where(self.open_pairs != were_open, self.open_pairs, refused)
             refused[pair] = 0
+        msg = "no set of contacts keeps all pairs from approaching"
+        raise Arrested(msg)
 
     def drop(self, contact: int) -> None:
         """Take a contact (counted in `pairs`) out of the set."""
@@ -412,6 +430,7 @@ class ActiveSet:
             if stiffness > DEPENDENT * lone[0] * max(1.0, float((change**2).max(initial=0.0))):
                 enough = -speed / stiffness
             elif speed >= -tolerance and raised == 0.0:
+                self.dependent += 1
                 return False
             else:
                 enough = np.inf

@@ -22,6 +22,8 @@ COLUMNS = (
     Column("compression", "1", "∫κ d|γ| since the start"),
     Column("nonaffine_speed", "1", "root mean square of u / (γ̇ λ), λ: mean small diameter"),
     Column("events", "1", "collisions and openings since the start"),
+    Column("mean_velocity_x", "1", "mean of u_x / (γ̇ λ) over the discs that can move"),
+    Column("mean_velocity_y", "1", "mean of u_y / (γ̇ λ) over them"),
 )
 DERIVED = (
     Column("shear_stress", "Pa", "−stress_xy"),
@@ -44,6 +46,8 @@ MEASURED = (
             ("compression_ratio", "mean of κ after the transient"),
             ("nonaffine_speed", "mean of the root mean square of u after the transient"),
             ("events_per_disc_path", "events per disc and unit strain (τ) after the transient"),
+            ("mean_velocity_x", "mean of u_x over discs after the transient"),
+            ("mean_velocity_y", "mean of u_y over discs after the transient"),
             ("final_packing_fraction", "φ at the end of a compression"),
             ("rattler_fraction", "discs that bear no force, of a jammed packing"),
         )

@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from shear_sim.models.hard_disc.active_set import Drive
 from shear_sim.models.hard_disc.flow import Flow
 from shear_sim.models.hard_disc.parameters import (
+    HardDiscBodyForce,
     HardDiscCompression,
     HardDiscOscillatoryShear,
     HardDiscSelfPropulsion,
     HardDiscShear,
+    HardDiscStages,
     HardDiscSteadyShear,
 )
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 
+ROUNDING = 1e-12  # of sums of path
 FIRST_COMPRESSION = 10.0  # κ at fixed pressure until the first contact
 
 
@@ -44,7 +47,15 @@ def make_records(shear: HardDiscShear, rows: int) -> Records:
     if isinstance(shear, HardDiscCompression):
         path = abs(shear.compression) * share
         return Records(path, path / shear.rate, none, none, shear.rate * one)
-    if isinstance(shear, HardDiscSelfPropulsion):
+    if isinstance(shear, HardDiscStages):
+        path = shear.length * share
+        ends = np.cumsum([0.0, *(stage.length for stage in shear.stages)])
+        turns = np.array([float(stage.shear) for stage in shear.stages])
+        strain = np.interp(path, ends, np.cumsum([0.0, *(turns * np.diff(ends))]))
+        # At an end: the one that ends.
+        stage = np.searchsorted(ends[1:-1] * (1.0 + ROUNDING), path, side="left")
+        return Records(path, path / shear.rate, strain, shear.rate * turns[stage], shear.rate * one)
+    if isinstance(shear, HardDiscSelfPropulsion | HardDiscBodyForce):
         path = shear.duration * share
         return Records(path, path * shear.time_unit, none, none, one / shear.time_unit)
     half_turns = 2 * shear.periods * share  # of the phase; their whole numbers are exact
@@ -98,14 +109,43 @@ class Reversing:
         flow.turn(self.drive)
 
 
+class Staged:
+    """Drives one after another."""
+
+    def __init__(self, section: HardDiscStages, discs: int) -> None:
+        free = np.zeros((2, discs))
+        self._drives = [
+            Drive(float(stage.shear), stage.compression, 0.0, free) for stage in section.stages
+        ]
+        self._ends = np.cumsum([stage.length for stage in section.stages]).tolist()
+        self._stage = 0
+        self.drive = self._drives[0]
+
+    @property
+    def until(self) -> float:
+        """Path at which the stage ends; infinite for the last."""
+        last = self._stage + 1 == len(self._ends)
+        return math.inf if last else float(self._ends[self._stage])
+
+    def change(self, flow: Flow) -> None:
+        """Begin the next stage."""
+        self._stage += 1
+        self.drive = self._drives[self._stage]
+        flow.turn(self.drive)
+
+
 class SelfPropelled:
     """Every disc has a force of its own, and a new one each time its persistence ends."""
 
-    def __init__(self, section: HardDiscSelfPropulsion, discs: int, streams: Streams) -> None:
+    def __init__(
+        self, section: HardDiscSelfPropulsion, mobility: FloatArray, streams: Streams
+    ) -> None:
         self._section = section
+        self._mobility = mobility
         self._rng = streams.generator("propulsion")
-        self.drive = Drive(0.0, 0.0, 0.0, np.array([self._force() for _ in range(discs)]).T.copy())
-        self._ends = [(self._persistence(), disc) for disc in range(discs)]
+        force = np.array([self._force() for _ in mobility]).T
+        self.drive = Drive(0.0, 0.0, 0.0, mobility * force)
+        self._ends = [(self._persistence(), disc) for disc in range(len(mobility))]
         heapq.heapify(self._ends)
 
     @property
@@ -118,7 +158,7 @@ class SelfPropelled:
         now, disc = heapq.heappop(self._ends)
         heapq.heappush(self._ends, (now + self._persistence(), disc))
         drift = self.drive.drift.copy()
-        drift[:, disc] = self._force()
+        drift[:, disc] = self._mobility[disc] * np.array(self._force())
         self.drive = self.drive._replace(drift=drift)
         flow.steer(self.drive)
 
@@ -133,13 +173,25 @@ class SelfPropelled:
         return size * math.cos(angle), size * math.sin(angle)
 
 
-def make_driving(shear: HardDiscShear, discs: int, streams: Streams) -> Driving:
-    """Return what drives a run."""
+def weight(section: HardDiscBodyForce, radius: FloatArray) -> FloatArray:
+    """Return the body force (2, N), proportional to the areas: 1 on a mean small disc."""
+    angle = math.radians(section.inclination)
+    return np.array([[math.sin(angle)], [-math.cos(angle)]]) * (2.0 * radius) ** 2
+
+
+def make_driving(
+    shear: HardDiscShear, radius: FloatArray, mobility: FloatArray, streams: Streams
+) -> Driving:
+    """Return what drives discs (N,) in a run."""
     if isinstance(shear, HardDiscOscillatoryShear):
-        return Reversing(shear.strain_amplitude, discs)
+        return Reversing(shear.strain_amplitude, len(radius))
     if isinstance(shear, HardDiscSelfPropulsion):
-        return SelfPropelled(shear, discs, streams)
-    free = np.zeros((2, discs))
+        return SelfPropelled(shear, mobility, streams)
+    if isinstance(shear, HardDiscBodyForce):
+        return Constant(Drive(0.0, 0.0, 0.0, mobility * weight(shear, radius)))
+    if isinstance(shear, HardDiscStages):
+        return Staged(shear, len(radius))
+    free = np.zeros((2, len(radius)))
     if isinstance(shear, HardDiscCompression):
         return Constant(Drive(0.0, math.copysign(1.0, shear.compression), 0.0, free))
     if shear.scaled_pressure is None:

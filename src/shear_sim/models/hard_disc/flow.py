@@ -122,7 +122,8 @@ class Flow:
     Raises
     ------
     ValueError
-        If discs overlap at the start, or a bond's two do not touch.
+        If discs overlap at the start (immobile ones may), a bond's two do not touch, or nothing can
+        move.
     Jammed
         If no forces stop them there.
     """
@@ -152,9 +153,13 @@ class Flow:
     _range: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
+        if not (self.mobility > 0).any():
+            msg = "the mobility is zero everywhere: nothing could move"
+            raise ValueError(msg)
         self.unit = 2.0 * float(self.radius.mean())
         self.touch = TOUCH * self.unit
         self.skin = SKIN * 0.5 * self.unit
+        self.disc_area = math.pi * float((self.radius[self.mobility > 0] ** 2).sum())
         self.set = ActiveSet(0)
         self._stalled = 0
         self._find_candidates()
@@ -178,8 +183,8 @@ class Flow:
 
     @property
     def packing_fraction(self) -> float:
-        """φ."""
-        return math.pi * float((self.radius**2).sum()) / self.area
+        """φ of the discs that can move."""
+        return self.disc_area / self.area
 
     def instant(self) -> Instant:
         """Return what the forces depend on now."""
@@ -361,6 +366,8 @@ class Flow:
         found = find_pairs(
             self.x, self.y, self.radius, self.skin, self.width, self.height, self.offset
         )[1:]
+        moving = (self.mobility[found[0]] > 0) | (self.mobility[found[1]] > 0)
+        found = found[0][moving], found[1][moving], found[2][moving], found[3][moving]
         order = elimination_order(self.x, self.y, found[0], found[1])
         i, j, nx, ny = (a[order] for a in found)
         contacts = self.set.pairs

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shear_sim.cell import Floats
+from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
 from shear_sim.neighbours import find_pairs
 
@@ -11,7 +11,7 @@ INFLATION = 1.5e-3  # of the radii, while discs push: what is left of it are the
 
 @jit
 def push_apart(
-    x: Floats, y: Floats, radius: Floats, width: float, height: float, most_steps: int
+    x: Floats, y: Floats, radius: Floats, free: Ints, width: float, height: float, most_steps: int
 ) -> tuple[int, float]:
     """Move discs until none overlap, by FIRE (Bitzek et al., Phys. Rev. Lett. 97 (2006) 170201).
 
@@ -21,6 +21,8 @@ def push_apart(
         Positions in an unsheared periodic cell; overwritten.
     radius : (N,)
         Radii to be free of overlap.
+    free : (N,)
+        0 for discs that stay where they are; they may overlap one another.
     width, height : float
         Cell edges.
     most_steps : int
@@ -61,6 +63,8 @@ def push_apart(
         overlap = 0.0
         for c in range(i.shape[0]):
             a, b = i[c], j[c]
+            if not free[a] and not free[b]:
+                continue
             dx = x[b] - x[a] + nx[c] * width
             dy = y[b] - y[a] + ny[c] * height
             reach = large[a] + large[b]
@@ -78,6 +82,9 @@ def push_apart(
             return step, overlap
         power, speed, force = 0.0, 0.0, 0.0
         for d in range(n):
+            if not free[d]:
+                fx[d] = 0.0
+                fy[d] = 0.0
             power += fx[d] * vx[d] + fy[d] * vy[d]
             speed += vx[d] * vx[d] + vy[d] * vy[d]
             force += fx[d] * fx[d] + fy[d] * fy[d]

@@ -1,6 +1,7 @@
 """The sections of a study of hard discs: every physical parameter, its unit and its limits."""
 
 import math
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -11,10 +12,53 @@ from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
 CLOSEST = math.pi / math.sqrt(12)  # packing fraction of the densest packing of equal discs
 
 
+class HardDiscWalls(Section):
+    """Immobile discs of the mean small size: they go with the flow, whoever pushes them."""
+
+    kind: Annotated[
+        Literal["none", "floor", "hopper"],
+        Field(description="floor: a row at y = 0. hopper: two rows that leave an orifice"),
+    ] = "none"
+    orifice: Annotated[
+        float | None, Field(gt=0, description="its width [mean small diameters]; default: 4")
+    ] = None
+    angle: Annotated[
+        float | None,
+        Field(ge=0, le=80, description="of the rows against the horizontal [degrees]; default: 45"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _only_hoppers_have_one(self) -> Self:
+        if self.kind != "hopper":
+            keys = [key for key in ("orifice", "angle") if getattr(self, key) is not None]
+            if keys:
+                raise Impossible([((key, "kind"), "only a hopper has one") for key in keys])
+        return self
+
+
 class HardDiscPacking(Section):
     """Which discs there are: large and small ones, half of each, at random without overlap."""
 
+    start: Annotated[
+        Literal["random", "file"],
+        Field(description="file: the state in `file`; no other key here counts then"),
+    ] = "random"
+    file: Annotated[
+        Path | None,
+        Field(strict=False, description="JSON beside the study: the block `state` of a summary"),
+    ] = None
+    file_digest: str | None = None
     discs: Annotated[int, Field(ge=2, le=100_000, description="N; ⌈N/2⌉ are large")] = 64
+    body: Annotated[
+        Literal["disc", "triangle", "chain"],
+        Field(
+            description="triangle: three touching discs, rigid. chain: a row of touching discs, "
+            "which bends. Large and small bodies, half of each"
+        ),
+    ] = "disc"
+    beads: Annotated[int | None, Field(ge=2, le=100, description="of a chain; default: 3")] = None
+    aspect_ratio: Annotated[float, Field(ge=0.1, le=10, description="cell height / width")] = 1.0
+    walls: HardDiscWalls = HardDiscWalls()
     packing_fraction: Annotated[
         float,
         Field(
@@ -32,16 +76,42 @@ class HardDiscPacking(Section):
         int, Field(ge=1, description="random positions to try for a start without overlap")
     ] = 20
 
+    @property
+    def beads_per_body(self) -> int:
+        """Discs of one body."""
+        return {"disc": 1, "triangle": 3, "chain": self.beads or 3}[self.body]
+
+    @model_validator(mode="after")
+    def _whole_bodies(self) -> Self:
+        if self.beads is not None and self.body != "chain":
+            raise Impossible([(("beads", "body"), "only a chain has a number of beads")])
+        if self.discs % self.beads_per_body:
+            message = f"{self.discs} discs are no whole bodies of {self.beads_per_body}"
+            raise Impossible([(("discs", "body", "beads"), message)])
+        if self.body != "disc" and self.walls.kind != "none":
+            raise Impossible([(("walls.kind", "body"), "walls are for single discs")])
+        return self
+
+    @model_validator(mode="after")
+    def _file_or_random(self) -> Self:
+        if (self.start == "file") != (self.file is not None):
+            message = "start: file needs the name of a file, and only it has one"
+            raise Impossible([(("file", "start"), message)])
+        return self
+
     @model_validator(mode="after")
     def _not_touch_twice(self) -> Self:
+        if self.start == "file":
+            return self
         large = math.ceil(self.discs / 2)
         ratio = self.size_ratio
         area = math.pi * (large * ratio**2 + self.discs - large) / self.packing_fraction
+        side = math.sqrt(area * min(self.aspect_ratio, 1 / self.aspect_ratio))
         most = ratio * (1 + self.polydispersity)
-        if math.sqrt(area) < 4 * most:
-            fewest = math.ceil(self.discs * 16 * most**2 / area)
+        if side < 4 * most:
+            fewest = math.ceil(self.discs * (4 * most / side) ** 2)
             message = (
-                f"the side of the cell ({math.sqrt(area):.3g} small radii) is under four large "
+                f"the side of the cell ({side:.3g} small radii) is under four large "
                 f"radii ({4 * most:.3g}), so two discs could touch twice: packing.discs at least "
                 f"{fewest}, or a lower packing_fraction"
             )
@@ -56,6 +126,10 @@ class HardDisc(Section):
     mobility: Annotated[
         float, Field(gt=0, description="ξ₀, velocity per force on a disc [1/(Pa s)]")
     ] = 1.0
+    mobility_exponent: Annotated[
+        float,
+        Field(ge=0, le=4, description="n: ξ = ξ₀ (mean small radius / radius)ⁿ; 1: Stokes drag"),
+    ] = 0.0
 
 
 class HardDiscSteadyShear(Section):
@@ -155,8 +229,54 @@ class HardDiscSelfPropulsion(Section):
     ] = 0.3
 
 
+class HardDiscBodyForce(Section):
+    """A force on every disc, as its weight, in units of τ = λ/(f ξ₀), f: of a mean small disc."""
+
+    kind: Literal["body_force"]
+    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    inclination: Annotated[
+        float, Field(ge=-180, le=180, description="of the floor [degrees]; 0: straight down, −y")
+    ] = 0.0
+    time_unit: Annotated[
+        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
+    ] = 1.0
+    transient: Annotated[
+        Fraction, Field(description="part of the duration before means are taken")
+    ] = 0.3
+
+
+class HardDiscStage(Section):
+    """One drive and how long it lasts."""
+
+    shear: Annotated[int, Field(ge=-1, le=1, description="direction of the shear; 0: none")] = 0
+    compression: Annotated[
+        float, Field(ge=-10, le=10, description="rate of compression of lengths, per path")
+    ] = 0.0
+    length: Annotated[Positive, Field(description="of path: strain |γ|, or time where none")]
+
+
+class HardDiscStages(Section):
+    """Drives one after another: start and stop, reversal, compression and then shear."""
+
+    kind: Literal["stages"]
+    stages: Annotated[tuple[HardDiscStage, ...], Field(min_length=1, strict=False)]
+    rate: Annotated[
+        Positive, Field(description="path per time [1/s]: sets the units of time and stress")
+    ] = 1.0
+
+    @property
+    def length(self) -> float:
+        """Length of path of all stages."""
+        return math.fsum(stage.length for stage in self.stages)
+
+
 HardDiscShear = (
-    HardDiscSteadyShear | HardDiscOscillatoryShear | HardDiscCompression | HardDiscSelfPropulsion
+    HardDiscSteadyShear
+    | HardDiscOscillatoryShear
+    | HardDiscCompression
+    | HardDiscSelfPropulsion
+    | HardDiscBodyForce
+    | HardDiscStages
 )
 
 
@@ -193,6 +313,9 @@ class HardDiscRecord(Section):
             "1,000 per unit compression, 400 per period, 10 per τ",
         ),
     ] = None
+    state: Annotated[
+        bool, Field(description="keep where discs and contacts are at the end in the summary")
+    ] = False
 
 
 class HardDiscPoint(Point):
@@ -218,12 +341,33 @@ class HardDiscPoint(Point):
             default = max(20, math.ceil(1000 * shear.strain))
         elif isinstance(shear, HardDiscCompression):
             default = max(20, math.ceil(1000 * abs(shear.compression)))
-        elif isinstance(shear, HardDiscSelfPropulsion):
+        elif isinstance(shear, HardDiscStages):
+            default = max(20, math.ceil(1000 * shear.length * (1 - 1e-12)))
+        elif isinstance(shear, HardDiscSelfPropulsion | HardDiscBodyForce):
             default = max(20, math.ceil(10 * shear.duration))
         else:
             default = 400 * shear.periods
         rows = self.record.rows or default
-        return self.model_copy(update={"record": HardDiscRecord(rows=rows)})
+        return self.model_copy(update={"record": self.record.model_copy(update={"rows": rows})})
+
+    def check_files(self) -> None:
+        """Check the contents of the start file; see `Point.check_files`."""
+        if self.packing.start == "file":
+            from shear_sim.models.hard_disc.packing import read_start
+
+            try:
+                read_start(self.packing)
+            except ValueError as error:
+                raise Impossible([(("packing.file",), str(error))]) from None
+
+    @model_validator(mode="after")
+    def _walls_stand(self) -> Self:
+        if self.packing.walls.kind != "none" and not isinstance(
+            self.shear, HardDiscBodyForce | HardDiscSelfPropulsion
+        ):
+            message = "walls stand still: they need kind: body_force or self_propelled"
+            raise Impossible([(("packing.walls.kind", "shear.kind"), message)])
+        return self
 
     @model_validator(mode="after")
     def _step_in_steady_shear_only(self) -> Self:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from shear_sim.models.hard_disc.active_set import Arrested, Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify, is_proof
 from shear_sim.models.hard_disc.columns import COLUMNS
-from shear_sim.models.hard_disc.driving import make_driving, make_records
+from shear_sim.models.hard_disc.driving import ROUNDING, make_driving, make_records
 from shear_sim.models.hard_disc.flow import Contacts, Dense, Flow, contacts_at
-from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
+from shear_sim.models.hard_disc.packing import make_start
 from shear_sim.models.hard_disc.parameters import (
     HardDisc,
     HardDiscCompression,
@@ -20,6 +20,7 @@ from shear_sim.models.hard_disc.parameters import (
     HardDiscPacking,
     HardDiscPoint,
     HardDiscRecord,
+    HardDiscStages,
     HardDiscSteadyShear,
 )
 from shear_sim.models.hard_disc.stress import duration, slowness, stress
@@ -29,32 +30,6 @@ from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 
-MOST_START_STEPS = 20_000  # of one attempt at a start without overlap
-
-
-class Packed:
-    """Discs without overlap in a square cell, lengths in mean diameters of small discs."""
-
-    def __init__(self, packing: HardDiscPacking, streams: Streams) -> None:
-        n = packing.discs
-        mean = np.where(np.arange(n) < math.ceil(n / 2), 0.5 * packing.size_ratio, 0.5)
-        spread = packing.polydispersity * streams.generator("radii").uniform(-1, 1, n)
-        self.radius: FloatArray = mean * (1 + spread)
-        self.side = math.sqrt(math.pi * float((self.radius**2).sum()) / packing.packing_fraction)
-        positions = streams.generator("positions")
-        for attempt in range(packing.attempts):
-            x, y = positions.random((2, n)) * self.side
-            steps, overlap = push_apart(x, y, self.radius, self.side, self.side, MOST_START_STEPS)
-            if overlap < 0.4 * INFLATION:
-                self.x, self.y = x, y
-                self.attempts, self.steps = attempt + 1, steps
-                return
-        msg = (
-            f"no overlap-free start after {packing.attempts} attempts at packing_fraction = "
-            f"{packing.packing_fraction:g} with {n} discs: lower it, or raise packing.attempts"
-        )
-        raise SimulationError(msg)
-
 
 class HardDiscSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
@@ -62,17 +37,21 @@ class HardDiscSimulation:
     def __init__(self, point: HardDiscPoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear
-        packed = Packed(point.packing, streams)
-        self.preparation = {"attempts": packed.attempts, "start_steps": packed.steps}
+        start = make_start(point.packing, point.model, streams)
+        self.preparation = start.facts
         assert self.point.record.rows is not None  # noqa: S101 - by resolved()
         self.records = make_records(shear, self.point.record.rows)
         self.path = self.records.path
-        self.driving = make_driving(shear, point.packing.discs, streams)
+        self.driving = make_driving(shear, start.radius, start.mobility, streams)
         by_steps = point.integrator.scheme == "time_steps"
-        self.flow: Flow = (Marching if by_steps else Flow)(
-            packed.x, packed.y, packed.radius, np.ones_like(packed.x), packed.side, packed.side,
-            self.driving.drive,
-        )  # fmt: skip
+        try:
+            self.flow: Flow = (Marching if by_steps else Flow)(
+                start.x, start.y, start.radius, start.mobility, start.width, start.height,
+                self.driving.drive, offset=start.offset, bonds=start.bonds,
+            )  # fmt: skip
+        except ValueError as error:  # what the user's file holds
+            raise SimulationError(str(error)) from None
+        self.mobile = int((start.mobility > 0).sum())
         self.start_fraction = self.flow.packing_fraction
         self.done = 0
         self.status = "flowing"
@@ -104,7 +83,10 @@ class HardDiscSimulation:
                 elif self.flow.path < min(self.driving.until, self.path[-1]):
                     self.flow.step(min(self.driving.until, float(self.path[-1])), self._look)
                 elif self.driving.until < self.path[-1]:
-                    self.driving.change(self.flow)
+                    if self.path[self._made] <= self.driving.until * (1.0 + ROUNDING):
+                        self._first()  # a record of the change is of the drive that ends
+                    else:
+                        self.driving.change(self.flow)
                 else:  # the last record is the end of the path, to round-off
                     self._first()
         except Jammed as jam:
@@ -163,7 +145,9 @@ class HardDiscSimulation:
         if len(phi) and not isinstance(flow, Marching):  # whose contacts close within a step
             residual = abs(power - sum(put_in)) / sum(map(abs, put_in))
             self.power_residual = max(self.power_residual, residual)
-            self.least_force = min(self.least_force, float(phi.min() / phi.mean()))
+            pushing = phi[flow.permanent[flow.set.pairs] == 0]
+            least = float(pushing.min(initial=0.0) / np.abs(phi).mean())
+            self.least_force = min(self.least_force, least)
             self.largest_gap = max(self.largest_gap, float(np.abs(gap).max()) / flow.unit)
         _, time, strain, strain_rate, path_rate = (float(a[row]) for a in self.records)
         if self._imposed:
@@ -172,12 +156,13 @@ class HardDiscSimulation:
             path_rate = strain_rate
         pascal = path_rate / self.point.model.mobility
         counts = flow.counts
-        discs = len(flow.x)
+        discs = self.mobile
         self._table[:, row] = (
             time, strain, strain_rate, xx * pascal, xy * pascal, yy * pascal,
             -xy * (drive.shear or 1.0), 0.5 * (xx + yy), 2 * len(phi) / discs,
-            math.pi * float((flow.radius**2).sum()) / area, kappa, squeezed,
+            flow.disc_area / area, kappa, squeezed,
             math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
+            float(u[0].sum()) / discs, float(u[1].sum()) / discs,
         )  # fmt: skip
         self._made += 1
 
@@ -216,12 +201,14 @@ class HardDiscSimulation:
             "status": self.status,
             "stopped": self.stopped,
             "certificate": self.certificate,
+            **({"state": self._state()} if self.point.record.state else {}),
             "measured": self._measured(),
             "events": {
                 "collisions": counts.collisions,
                 "openings": counts.openings,
                 "steps": counts.steps,
                 "factorisations": flow.set.factorisations,
+                "dependent_contacts": flow.set.dependent,
                 "neighbour_lists": counts.rebuilds,
                 "mean_order": counts.orders / max(1, counts.steps),
             },
@@ -243,15 +230,29 @@ class HardDiscSimulation:
             },
         }
 
+    def _state(self) -> dict[str, Any]:
+        """Return discs and contacts as they are: what ``packing.file`` may hold."""
+        flow, c = self.flow, self.flow.set.pairs
+        lists: dict[str, NDArray[Any]] = {
+            "x": flow.x, "y": flow.y, "radius": flow.radius, "mobility": flow.mobility,
+            "bonds": flow.bonds, "contact_i": flow.pairs.i[c], "contact_j": flow.pairs.j[c],
+            "contact_rx": flow.rx[c], "contact_ry": flow.ry[c],
+            "contact_force": flow.set.phi * np.hypot(flow.rx[c], flow.ry[c]),
+        }  # fmt: skip
+        cell = {"width": flow.width, "height": flow.height, "offset": flow.offset}
+        return cell | {name: values.tolist() for name, values in lists.items()}
+
     def _measured(self) -> dict[str, float] | None:
         """Return means after the transient; None if the run did not come to its end."""
         shear = self.point.shear
         if isinstance(shear, HardDiscCompression):
             found = {"final_packing_fraction": self.flow.packing_fraction}
             if self.certificate:
-                found["rattler_fraction"] = len(self.certificate["rattlers"]) / len(self.flow.x)
+                found["rattler_fraction"] = len(self.certificate["rattlers"]) / self.mobile
             return found
-        if self.done < len(self.path) or isinstance(shear, HardDiscOscillatoryShear):
+        if self.done < len(self.path) or isinstance(
+            shear, HardDiscOscillatoryShear | HardDiscStages
+        ):
             return None
         columns = self.columns()
         late = self.path >= shear.transient * self.path[-1]
@@ -267,7 +268,9 @@ class HardDiscSimulation:
             "compression_ratio": mean["compression_ratio"],
             "nonaffine_speed": mean["nonaffine_speed"],
             "events_per_disc_path": float(np.ptp(columns["events"][late]))
-            / (float(np.ptp(self.path[late])) * self.point.packing.discs),
+            / (float(np.ptp(self.path[late])) * self.mobile),
+            "mean_velocity_x": mean["mean_velocity_x"],
+            "mean_velocity_y": mean["mean_velocity_y"],
         }
 
 

@@ -27,25 +27,27 @@ from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
     accelerate,
     add_scaled,
+    bits,
     carry_plates,
     drift,
     edge_kick,
     energy_row,
-    find_crossing,
     finish_row,
     kick,
     moved,
+    number,
     peak_rate,
+    places,
     renew_contacts,
     segment,
     strain_at,
     tally,
 )
 from shear_sim.models.microgel.state import (
+    BLOCK_ROWS,
     DISTANCE,
     EX,
     EY,
-    INSIDE,
     LANES,
     MOST_PIECES,
     NOT_FINITE,
@@ -78,11 +80,12 @@ TALLY = False  # whether the energy balance is kept too
 RESET = False  # whether a slip empties the spring, as in the historical program
 
 # Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
-# rims; then force on i and torque / r; then extremes over all blocks; then what TALLY asks for.
+# rims, place in the cell; then force on i and torque / r; then extremes over all blocks; then what
+# TALLY asks for.
 (
-    DX, DY, CX, CY, RIMS, ROLLED, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
+    DX, DY, CX, CY, RIMS, ROLLED, LX, LY, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
     ELASTIC, VN, VT, BEFORE, SLID,
-) = range(0, 17 * LANES, LANES)  # fmt: skip
+) = range(0, BLOCK_ROWS * LANES, LANES)  # fmt: skip
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -124,6 +127,19 @@ def gather(
         if TANGENTIAL:
             block[RIMS + s] = rim[b] + rim[a]
             block[ROLLED + s] = rolled[b] + rolled[a]
+
+
+@jit(_nrt=False)
+def gather_places(
+    lx: Floats, ly: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
+) -> None:
+    """Write to ``block`` what lies between the places in the cell, for `stress_of`."""
+    at = np.uint64(first)
+    for s in range(m):
+        a = i[at + np.uint64(s)]
+        b = j[at + np.uint64(s)]
+        block[LX + s] = lx[b] - lx[a]
+        block[LY + s] = ly[b] - ly[a]
 
 
 @jit(_nrt=False)
@@ -257,56 +273,60 @@ def scatter(
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def stress_of(
-    block: Floats, table: Floats, m: int
-) -> tuple[
-    float, float, float, float, float, float, float, float, float, float, float, float
-]:  # fmt: skip
-    """Return −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j), of all pairs and of those inside.
+    block: Floats, table: Floats, m: int, elsewhere: float, tensors: Floats, row: Floats
+) -> None:
+    """Add a block to the sums of a record.
 
-    The last two are the numbers of touching and of sliding pairs.
+    ``tensors``: −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
+    inside the cell, and the forces of the others as outside forces on the discs of the cell, at
+    their places (Table S2-3). Such are pairs across an edge, and those of a glued disc: their
+    places are not as far apart as their discs, by more than ``elsewhere``. ``row``: the numbers of
+    touching and of sliding pairs.
     """
     xx = xy = yx = yy = twist = touching = sliding = 0.0
-    ixx = ixy = iyx = iyy = it = 0.0
+    oxx = oxy = oyx = oyy = ot = 0.0
+    exx = exy = eyx = eyy = 0.0
     for s in range(m):
         dx, dy, fx, fy = block[DX + s], block[DY + s], block[FX + s], block[FY + s]
-        inside = table[INSIDE + s]
+        lx, ly = block[LX + s], block[LY + s]
         D = table[SUM + s]
+        outside = abs(lx - dx) + abs(ly - dy) > elsewhere
+        ofx = fx if outside else 0.0
+        ofy = fy if outside else 0.0
         xx -= fx * dx
         xy -= fx * dy
         yx -= fy * dx
         yy -= fy * dy
-        ixx -= inside * (fx * dx)
-        ixy -= inside * (fx * dy)
-        iyx -= inside * (fy * dx)
-        iyy -= inside * (fy * dy)
+        oxx -= ofx * dx
+        oxy -= ofx * dy
+        oyx -= ofy * dx
+        oyy -= ofy * dy
+        exx += ofx * lx
+        exy += ofx * ly
+        eyx += ofy * lx
+        eyy += ofy * ly
         if TANGENTIAL:
             both = 0.5 * block[TWIST + s] * D
             twist += both
-            it += inside * both
+            ot += both if outside else 0.0
             sliding += 1.0 if table[STATE + s] == SLIDE else 0.0
         touching += 1.0 if dx * dx + dy * dy < D * D else 0.0
-    return xx, xy, yx, yy, twist, ixx, ixy, iyx, iyy, it, touching, sliding
-
-
-@jit(_nrt=False)
-def stress_across(
-    discs: Discs, work: Work, pairs: Pairs, q: int, s: int, constants: Constants, offset: float
-) -> None:
-    """Count pair ``q``, in lane ``s`` of the block, as an outside force on the cell's discs.
-
-    Such are pairs across an edge of the cell, and those of a glued disc (Table S2-3).
-    """
-    block, t = work.block, work.tensors
-    fx, fy = block[FX + s], block[FY + s]
-    for a, sign in ((pairs.i[q], -1.0), (pairs.j[q], 1.0)):
-        if discs.plate[a] == 0.0:
-            wx, wy = work.wx[a], work.wy[a]
-            lx = discs.x[a] - wx * constants.width - wy * offset - 0.5 * constants.width
-            ly = discs.y[a] - wy * constants.height - 0.5 * constants.height
-            t[10] += sign * fx * lx
-            t[11] += sign * fx * ly
-            t[12] += sign * fy * lx
-            t[13] += sign * fy * ly
+    tensors[0] += xx
+    tensors[1] += xy
+    tensors[2] += yx
+    tensors[3] += yy
+    tensors[4] += twist
+    tensors[5] += xx - oxx
+    tensors[6] += xy - oxy
+    tensors[7] += yx - oyx
+    tensors[8] += yy - oyy
+    tensors[9] += twist - ot
+    tensors[10] += exx
+    tensors[11] += exy
+    tensors[12] += eyx
+    tensors[13] += eyy
+    row[0] += touching
+    row[1] += sliding
 
 
 @jit(_nrt=False)
@@ -373,7 +393,7 @@ def contact_forces(
             work.rim[a] = discs.radius[a] * work.pspin[a]
             work.rolled[a] = discs.radius[a] * work.turn[a]
     if record:
-        find_crossing(discs, work, links, contacts, c, offset)
+        places(discs, work, c, offset)
         work.tensors[:] = 0.0
         work.row[:] = 0.0
     if TALLY:
@@ -384,11 +404,11 @@ def contact_forces(
         c.link_etat if c.stretched_dashpot else 0.0, free, free, free,
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
-    for pairs, springs, count, crossing in (
-        (links, link, np.int32(links.i.shape[0]), work.crossing[0]),
-        (contacts, contact, work.near[0], work.crossing[1]),
+    elsewhere = 0.1 * min(c.width, c.height)
+    for pairs, springs, count in (
+        (links, link, np.int32(links.i.shape[0])),
+        (contacts, contact, work.near[0]),
     ):
-        edge = 0
         for first in range(0, count, LANES):
             m = int(min(LANES, count - first))
             table = pairs.table[first // LANES]
@@ -399,15 +419,8 @@ def contact_forces(
             pair_forces(block, table, m, springs, c, offset, rate, h)
             scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
             if record:
-                sums = stress_of(block, table, m)
-                for t in range(10):
-                    work.tensors[t] += sums[t]
-                work.row[0] += sums[10]
-                work.row[1] += sums[11]
-                while edge < crossing and pairs.edge[edge] < first + m:
-                    q = pairs.edge[edge]
-                    stress_across(discs, work, pairs, q, q - first, c, offset)
-                    edge += 1
+                gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
+                stress_of(block, table, m, elsewhere, work.tensors, work.row)
             if TALLY:
                 tally_pairs(work, table, m, springs, c)
     if TANGENTIAL:
@@ -580,12 +593,11 @@ def approach_time(constants: Constants, discs: Discs, work: Work, smallest_radiu
     The two fastest discs could approach by half a small radius, and a contact change its length by
     a fifth: also on its way out, or the force of the clamp would act for a whole step.
     """
-    fastest2 = 1e-300
+    largest = np.uint64(0)
     for a in range(discs.cx.shape[0]):
-        speed2 = discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a]
-        if speed2 > fastest2:
-            fastest2 = speed2
-    fastest = max(0.8 * np.sqrt(fastest2) / smallest_radius, work.closest[2])
+        cx, cy = discs.cx[a], discs.cy[a]
+        largest = max(largest, bits(cx * cx + cy * cy))
+    fastest = max(0.8 * np.sqrt(number(largest)) / smallest_radius, work.closest[2], 1e-150)
     return float(constants.step_approach / fastest)
 
 
@@ -617,7 +629,6 @@ def run(
     contacts, row, substeps, status
         The list of contacts, rows filled, substeps made, and RUNNING, NOT_FINITE or TOO_STIFF.
     """
-    height, width = constants.height, constants.width
     smallest = discs.radius.min()
     size = 2.0 * discs.radius.mean()
     filled = 0
@@ -644,8 +655,7 @@ def run(
             if TALLY:
                 tally(discs, work, constants, rate, 0.0)
         if start:
-            offset = strain * height - work.turns[0] * width
-            finish_row(discs, work, constants, offset, rate, rows[0])
+            finish_row(discs, work, constants, rate, rows[0])
             rows[0, 0], rows[0, 1], rows[0, 2] = 0.0, strain, rate
             if TALLY:
                 energy_row(discs, work, rows[0])
@@ -701,8 +711,7 @@ def run(
         if record:
             row = rows[filled]
             row[0], row[1], row[2] = (k + 1) * clock.step, strain, rate
-            offset = strain * height - work.turns[0] * width
-            finish_row(discs, work, constants, offset, rate, row)
+            finish_row(discs, work, constants, rate, row)
             if TALLY:
                 energy_row(discs, work, row)
             filled += 1

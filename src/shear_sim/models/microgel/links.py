@@ -1,8 +1,10 @@
 """Permanent links: which touching pairs are linked, and how the network is cut into particles.
 
-Everything here is geometry and graphs of one packing, made once per job: plain NumPy.
+Everything here is geometry and graphs of one packing, made once per job: plain NumPy, and plain
+lists where discs are followed one by one.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,49 +82,57 @@ def make_links(network: Network, section: Links, streams: Streams) -> tuple[Bool
 
 def particles(network: Network, linked: Bools) -> NDArray[np.int64]:
     """Return for every disc (N,) the number of its particle, a cluster of linked discs."""
-    root = np.arange(len(network.radius))
-    for i, j in network.pairs[linked]:
-        a, b = _find(root, i), _find(root, j)
-        root[max(a, b)] = min(a, b)
-    roots = np.array([_find(root, i) for i in range(len(root))])
-    return np.unique(roots, return_inverse=True)[1]
+    root = list(range(len(network.radius)))
+    for i, j in network.pairs[linked].tolist():
+        _join(root, i, j)
+    return np.unique([_find(root, i) for i in root], return_inverse=True)[1]
 
 
 def heights(network: Network, linked: Bools) -> NDArray[np.float64]:
     """Return the height of each particle [m], ∞ if it is linked to an image of itself above it."""
-    n = len(network.radius)
-    neighbours: list[list[tuple[int, float]]] = [[] for _ in range(n)]
-    for (i, j), (_, dy) in zip(network.pairs[linked], network.branch[linked], strict=True):
+    y, radius = network.position[:, 1].tolist(), network.radius.tolist()
+    neighbours: list[list[tuple[int, float]]] = [[] for _ in y]
+    branch = network.branch[linked, 1].tolist()
+    for (i, j), dy in zip(network.pairs[linked].tolist(), branch, strict=True):
         neighbours[i].append((j, dy))
         neighbours[j].append((i, -dy))
-    number = particles(network, linked)
-    low = np.full(number.max() + 1, np.inf)
-    high = np.full(number.max() + 1, -np.inf)
-    unwrapped = np.full(n, np.nan)
-    for seed in range(n):
-        if not np.isnan(unwrapped[seed]):
+    number = particles(network, linked).tolist()
+    low = [math.inf] * (max(number) + 1)
+    high = [-math.inf] * len(low)
+    unwrapped: list[float | None] = [None] * len(y)
+    for seed, start in enumerate(y):
+        if unwrapped[seed] is not None:
             continue
-        unwrapped[seed] = network.position[seed, 1]
-        stack = [seed]
+        unwrapped[seed] = start
+        stack = [(seed, start)]
         while stack:
-            i = stack.pop()
+            i, here = stack.pop()
             p = number[i]
-            low[p] = min(low[p], unwrapped[i] - network.radius[i])
-            high[p] = max(high[p], unwrapped[i] + network.radius[i])
+            low[p] = min(low[p], here - radius[i])
+            high[p] = max(high[p], here + radius[i])
             for j, dy in neighbours[i]:
-                if np.isnan(unwrapped[j]):
-                    unwrapped[j] = unwrapped[i] + dy
-                    stack.append(j)
-                elif abs(unwrapped[j] - unwrapped[i] - dy) > 0.5 * network.cell[1]:
-                    high[p] = np.inf
-    return high - low
+                there = unwrapped[j]
+                if there is None:
+                    unwrapped[j] = here + dy
+                    stack.append((j, here + dy))
+                elif abs(there - here - dy) > 0.5 * network.cell[1]:
+                    high[p] = math.inf
+    tall: NDArray[np.float64] = np.array(high) - np.array(low)
+    return tall
 
 
-def _find(root: NDArray[np.int64], i: int) -> int:
+def _find(root: list[int], i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]
         i = root[i]
-    return int(i)
+    return i
+
+
+def _join(root: list[int], i: int, j: int) -> bool:
+    """Make one cluster of those of i and j; tell whether they were two."""
+    a, b = _find(root, i), _find(root, j)
+    root[max(a, b)] = min(a, b)
+    return a != b
 
 
 def _cut(network: Network, section: Links, streams: Streams) -> Bools:
@@ -194,13 +204,11 @@ def _across_lines(network: Network, section: Links, rng: np.random.Generator) ->
 
 def _forest(network: Network, linked: Bools, order: NDArray[np.int64]) -> Bools:
     """Tell which links (in ``order``) close a cycle when links are added from last to first."""
-    root = np.arange(len(network.radius))
+    root = list(range(len(network.radius)))
+    last_first = order[::-1]
+    joins = [_join(root, i, j) for i, j in network.pairs[last_first].tolist()]
     closes = np.zeros(len(linked), bool)
-    for q in order[::-1]:
-        a, b = (_find(root, d) for d in network.pairs[q])
-        if a == b:
-            closes[q] = True
-        root[max(a, b)] = min(a, b)
+    closes[last_first] = ~np.array(joins, bool)
     return ~closes & linked
 
 

@@ -9,7 +9,6 @@ from shear_sim.cell import Floats, Ints, turns_of, wrap_count
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.state import (
     EX,
-    INSIDE,
     LANES,
     NEAR,
     NX,
@@ -78,7 +77,7 @@ def empty_pairs(n: int) -> Pairs:
     blocks = (n + LANES - 1) // LANES
     return Pairs(
         i=np.zeros(n, np.uint32), j=np.zeros(n, np.uint32),
-        table=np.zeros((blocks, PAIR_ROWS * LANES)), edge=np.zeros(n, np.int32),
+        table=np.zeros((blocks, PAIR_ROWS * LANES)),
     )  # fmt: skip
 
 
@@ -174,7 +173,6 @@ def renew_contacts(
     work.y0[:] = y
     work.strain0[0] = strain
     work.largest[0] = radius.max()
-    work.crossing[:] = -1
 
     # Linked pairs are not contacts too (through another image they may be), nor are glued discs.
     # The rest keep their history; ``source`` is the old number of each new pair, or −1. They are
@@ -231,25 +229,27 @@ def renew_contacts(
 def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> float:
     """Return by how much two discs may have approached since the contact list was made [m].
 
-    What counts is the displacement relative to the affine flow, and the flow across one contact.
+    What counts is the displacement u relative to the affine flow, and the flow across one contact:
+    a pair Δ₀ apart is A (Δ₀ + Δu) apart now, with A the shear, so it touches only if |Δ₀| is below
+    D s + 2 |u|, s the larger singular value of A.
     The list holds all touching pairs while this is at most the skin, and the first ``work.near[0]``
     are enough, which this function sets. Not a number, or more than 1000 cells, says that the
     motion has exploded.
     """
     change = strain - work.strain0[0]
     middle = 0.5 * constants.height
-    farthest2 = 0.0
-    total = 0.0
-    for a in range(discs.x.shape[0]):
-        dx = discs.x[a] - work.x0[a] - change * (discs.y[a] - middle)
-        dy = discs.y[a] - work.y0[a]
-        r2 = dx * dx + dy * dy
-        total += r2  # a comparison may lose what is not a number
-        if r2 > farthest2:
-            farthest2 = r2
-    if not total < (1000.0 * constants.width) ** 2:
+    x, y, x0, y0 = discs.x, discs.y, work.x0, work.y0
+    farthest = np.uint64(0)
+    for a in range(x.shape[0]):
+        dx = x[a] - x0[a] - change * (y[a] - middle)
+        dy = y[a] - y0[a]
+        farthest = max(farthest, bits(dx * dx + dy * dy))
+    farthest2 = number(farthest)
+    if not farthest2 < (1000.0 * constants.width) ** 2:
         return np.nan
-    way = 2.0 * np.sqrt(farthest2) + abs(change) * 2.0 * work.largest[0]
+    # Shear brings discs from D (1 + stretch) to contact at most: the larger of its singular values.
+    stretch = 0.5 * abs(change) + np.sqrt(1.0 + 0.25 * change * change) - 1.0
+    way = 2.0 * np.sqrt(farthest2) + stretch * 2.0 * work.largest[0]
     if way <= constants.skin:
         # A pair that has touched since stays in, so that its history is not lost.
         near = work.near[1 + min(int(NEAR * way / constants.skin), NEAR - 1)]
@@ -258,39 +258,33 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
 
 
 @jit(_nrt=False)
-def find_crossing(
-    discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, offset: float
-) -> None:
-    """Find the image of the cell that each disc is in, and the pairs across an edge of the cell."""
-    if constants.periodic:
-        if (
-            not wrap_count(
-                discs.x, discs.y, constants.width, constants.height, offset, work.wx, work.wy
-            )
-            and work.crossing[0] >= 0
-        ):
-            return
-    else:
-        work.wx[:] = 0
-        work.wy[:] = 0
-        if work.crossing[0] >= 0:
-            return
-    for which, pairs in enumerate((links, contacts)):
-        count = 0
-        for q in range(pairs.i.shape[0]):
-            i, j = pairs.i[q], pairs.j[q]
-            table, lane = pairs.table[q // LANES], q % LANES
-            across = (
-                work.wx[j] - work.wx[i] + table[NX + lane] != 0.0
-                or work.wy[j] - work.wy[i] + table[NY + lane] != 0.0
-                or discs.plate[i] != 0.0
-                or discs.plate[j] != 0.0
-            )
-            table[INSIDE + lane] = 0.0 if across else 1.0
-            if across:
-                pairs.edge[count] = q
-                count += 1
-        work.crossing[which] = count
+def bits(value: float) -> np.uint64:
+    """Return a number that is as large as another the larger ``value``, which is not negative, is.
+
+    The compiler takes maxima of whole numbers by vectors, and what is not a number is the largest.
+    """
+    return np.float64(value).view(np.uint64)
+
+
+@jit(_nrt=False)
+def number(value: np.uint64) -> float:
+    """Return what `bits` was made of."""
+    return float(np.uint64(value).view(np.float64))
+
+
+@jit(_nrt=False)
+def places(discs: Discs, work: Work, constants: Constants, offset: float) -> None:
+    """Find where each disc is in the cell, from its centre; glued discs are no part of it."""
+    x, y, plate, lx, ly = discs.x, discs.y, discs.plate, work.lx, work.ly
+    width, height = constants.width, constants.height
+    images = 1.0 if constants.periodic else 0.0
+    for a in range(x.shape[0]):
+        up = images * np.floor(y[a] / height)
+        ly[a] = (1.0 - abs(plate[a])) * (y[a] - up * height - 0.5 * height)
+        lx[a] = x[a] - up * offset
+    for a in range(x.shape[0]):
+        right = images * np.floor(lx[a] / width)
+        lx[a] = (1.0 - abs(plate[a])) * (lx[a] - right * width - 0.5 * width)
 
 
 @jit(_nrt=False)
@@ -345,10 +339,9 @@ def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
 # Sums in whatever order is fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def disc_sums(
-    discs: Discs, work: Work, constants: Constants, offset: float, rate: float
+    discs: Discs, work: Work, rate: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return sums over free discs: torque, spin energy, m c c (xx, xy, yy), F (x − L/2)."""
-    width, height = constants.width, constants.height
     torque = kinetic = xx = xy = yy = uxx = uxy = uyx = uyy = 0.0
     for a in range(discs.x.shape[0]):
         free = 1.0 - abs(discs.plate[a])
@@ -359,9 +352,7 @@ def disc_sums(
         xx += m * cx * cx
         xy += m * cx * cy
         yy += m * cy * cy
-        lx = discs.x[a] - work.wx[a] * width - work.wy[a] * offset - 0.5 * width
-        ly = discs.y[a] - work.wy[a] * height - 0.5 * height
-        fx, fy = free * work.fx[a], free * work.fy[a]
+        lx, ly, fx, fy = work.lx[a], work.ly[a], work.fx[a], work.fy[a]
         uxx += fx * lx
         uxy += fx * ly
         uyx += fy * lx
@@ -370,18 +361,14 @@ def disc_sums(
 
 
 @jit(_nrt=False)
-def finish_row(
-    discs: Discs, work: Work, constants: Constants, offset: float, rate: float, row: Floats
-) -> None:
+def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row: Floats) -> None:
     """Fill a record from the sums of ``contact_forces`` and the velocities of this instant."""
     volume = constants.width * constants.height
     tensors = work.tensors
     for c in range(14):
         row[3 + c] = tensors[c] / volume
     # Σ F (x − L/2) over free discs: with the external tensor it makes up Love and Weber's (S1-19).
-    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = disc_sums(
-        discs, work, constants, offset, rate
-    )
+    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = disc_sums(discs, work, rate)
     error = max(
         abs(tensors[5] - tensors[10] - uxx), abs(tensors[6] - tensors[11] - uxy),
         abs(tensors[7] - tensors[12] - uyx), abs(tensors[8] - tensors[13] - uyy),

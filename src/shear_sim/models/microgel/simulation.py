@@ -56,6 +56,7 @@ FloatArray = NDArray[np.float64]
 
 SKIN = 0.6  # of the mean radius: neighbour lists reach this much beyond contact
 REST_DAMPING = 0.5  # 1/τ, while a packing comes to rest
+CACHED = 1000  # so many discs lie in the cache however they are numbered
 STEP_ENERGY = 0.5  # longest substep, of the stable one of springs alone: analysis/default_steps.py
 CORE = 0.1  # distance over contact distance: who comes closer may pass through
 
@@ -141,9 +142,9 @@ def make_work(n: int) -> Work:
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
         turn=per_disc(), rim=per_disc(), rolled=per_disc(),
         x0=per_disc(), y0=per_disc(),
-        wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32),
+        wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
         strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
-        near=np.zeros(NEAR + 1, np.int32), crossing=np.full(2, -1, np.int32),
+        near=np.zeros(NEAR + 1, np.int32),
         block=np.zeros(BLOCK_ROWS * LANES),
         closest=np.array([1.0, 1.0, 0.0, 1.0]), stopped=np.zeros(2),
         tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
@@ -497,7 +498,8 @@ def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, Pairs,
     packing = point.packing
     if packing.start != "file":
         start = start_discs(packing, point.cell, streams)
-        discs = make_discs(start.position, start.radius, density=packing.density)
+        order = by_rows(start.position, start.radius)
+        discs = make_discs(start.position[order], start.radius[order], density=packing.density)
         return discs, make_pairs(), make_pairs(), start.width, start.height
     try:
         given = read_start(packing, point.cell)
@@ -523,6 +525,17 @@ def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, Pairs,
         for pairs in (given.links, given.contacts)
     )
     return discs, links, contacts, point.cell.width, cell_height(packing, point.cell)
+
+
+def by_rows(position: FloatArray, radius: FloatArray) -> NDArray[np.int64]:
+    """Return the order (N,) of many discs by rows of four mean radii, and by x in each.
+
+    Neighbours then lie near each other in memory, also after any strain, which shifts whole rows.
+    A few discs keep their order.
+    """
+    if len(radius) <= CACHED:
+        return np.arange(len(radius))
+    return np.lexsort((position[:, 0], position[:, 1] // (4 * radius.mean())))
 
 
 def _relax(

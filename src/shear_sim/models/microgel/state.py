@@ -62,13 +62,14 @@ class Work(NamedTuple):
     rolled: Floats  # r × turn [m]
     x0: Floats  # position when the contact list was made
     y0: Floats
-    wx: Ints  # image of the cell that a disc is in (records)
+    wx: Ints  # image of the cell that a disc was in when the contact list was made
     wy: Ints
+    lx: Floats  # place in the cell from its centre [m], 0 for glued discs (records)
+    ly: Floats
     strain0: Floats  # (1,) strain when the contact list was made
     largest: Floats  # (1,) largest radius [m]
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
     near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
-    crossing: Ints  # (2,) numbers of links and contacts across an edge; −1: to be counted anew
     block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
     closest: Floats  # (4,) smallest d/D, largest of a link, largest |d'|/d; smallest d/D so far
     stopped: Floats  # (2,) time [s] and strain of the positions, if the run had to stop
@@ -91,7 +92,6 @@ class Pairs(NamedTuple):
     i: Unsigned  # (P,)
     j: Unsigned
     table: Floats  # (⌈P/LANES⌉, PAIR_ROWS · LANES)
-    edge: Ints  # (P,) pairs across an edge of the cell, see Work.crossing
 
 
 class PairState(NamedTuple):
@@ -111,12 +111,12 @@ class PairState(NamedTuple):
 LANES = 64  # pairs in a block
 #: Columns of Pairs.table: image of j, D = r_i + r_j [m] and its inverse; unit vector from i to j
 #: and distance [m] at the last force evaluation; tangential elongation ξ [m], and the second one
-#: of the historical rule; OPEN, STICK or SLIDE; 1 for a pair inside the cell (Work.crossing).
+#: of the historical rule; OPEN, STICK or SLIDE.
 (
-    NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE, INSIDE,
-) = range(0, 11 * LANES, LANES)  # fmt: skip
-PAIR_ROWS = 11
-BLOCK_ROWS = 17
+    NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE,
+) = range(0, 10 * LANES, LANES)  # fmt: skip
+PAIR_ROWS = 10
+BLOCK_ROWS = 19
 NEAR = 4  # distances by which listed contacts are told apart
 
 

@@ -1,0 +1,145 @@
+"""What a step can cost at least on this machine, from what the machine was measured to do.
+
+.venv/bin/python analysis/benchmarks/limit.py
+
+Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and the numbers
+that are stored one by one where pairs meet discs. Per disc: every array once through memory. Counts
+are those of our method; another method has others.
+"""
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+# Of the force on a pair, counted in the machine code of `pair_forces`.
+DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73
+# Of a pair that meets its discs: six differences and six sums, each stored by itself.
+STORES = 12
+# Bytes that a step reads and writes: of a pair its table (10 numbers, 5 of them written too, and
+# two indices), of a disc 26 numbers, 12 of them written too.
+PAIR_BYTES, DISC_BYTES = 8 * 15 + 8, 8 * 38
+REPEATS = 15
+
+
+class Machine(NamedTuple):
+    """Measured times [s]: of one number each, as part of a vector or, stores, by itself."""
+
+    division: float
+    root: float
+    operation: float
+    store: float
+    sizes: FloatArray  # of what is read and written again and again [bytes]
+    byte: FloatArray  # time of one byte at these sizes
+
+
+@numba.njit(error_model="numpy")
+def _divide(a: FloatArray, b: FloatArray) -> None:
+    for i in range(a.shape[0]):
+        b[i] = 1.3 / a[i]
+
+
+@numba.njit
+def _root(a: FloatArray, b: FloatArray) -> None:
+    for i in range(a.shape[0]):
+        b[i] = np.sqrt(a[i])
+
+
+@numba.njit
+def _multiply_and_add(a: FloatArray, b: FloatArray) -> None:
+    # 16 operations a number, in four independent chains
+    for i in range(a.shape[0]):
+        x = a[i]
+        p, q, r, s = x * 1.1, x + 1.1, x * 1.2, x + 1.2
+        p, q, r, s = p + 0.1, q * 0.9, r + 0.2, s * 0.8
+        p, q, r, s = p * 1.1, q + 1.1, r * 1.2, s + 1.2
+        b[i] = (p + q) * (r + s) + x
+
+
+@numba.njit
+def _scatter(index: NDArray[np.uint32], a: FloatArray, b: FloatArray) -> None:
+    for i in range(index.shape[0]):
+        b[index[i]] += a[i]
+
+
+@numba.njit
+def _stream(a: FloatArray, b: FloatArray) -> None:
+    for i in range(a.shape[0]):
+        b[i] += 1.1 * a[i]
+
+
+def _fastest(call: Callable[[], object], repeats: int = REPEATS) -> float:
+    call()
+    times = []
+    for _ in range(repeats):
+        began = time.process_time()
+        call()
+        times.append(time.process_time() - began)
+    return min(times)
+
+
+@numba.njit
+def _again(kernel: Callable[..., None], times: int, a: FloatArray, b: FloatArray) -> None:
+    for _ in range(times):
+        kernel(a, b)
+
+
+def measure() -> Machine:
+    """Measure this machine, in some seconds."""
+    n, times = 512, 4000
+    a, b = np.linspace(1, 2, n), np.zeros(n)
+
+    def each(kernel: Callable[..., None]) -> float:
+        return _fastest(lambda: _again(kernel, times, a, b)) / (times * n)
+
+    rng = np.random.default_rng(0)
+    index = np.concatenate([rng.permutation(n) for _ in range(2000)]).astype(np.uint32)
+    values = rng.random(len(index))
+    sizes = 2.0 ** np.arange(14, 28)
+    per_byte = []
+    for size in sizes:
+        c, d = np.ones(int(size / 16)), np.ones(int(size / 16))
+        loops = max(1, int(2e7 / size))
+        spent = _fastest(lambda c=c, d=d, k=loops: _again(_stream, k, c, d), 5)  # type: ignore[misc]
+        per_byte.append(spent / loops / (24 * len(c)))  # two are read, one is written
+    return Machine(
+        division=each(_divide),
+        root=each(_root),
+        operation=each(_multiply_and_add) / 15,
+        store=_fastest(lambda: _scatter(index, values, b)) / len(index),
+        sizes=sizes,
+        byte=np.array(per_byte),
+    )
+
+
+def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, float]:
+    """Return the least time of a step per disc [s]: of its instructions, and of its memory.
+
+    Parameters
+    ----------
+    pairs : float
+        Pairs per disc whose forces are worked out.
+    """
+    arithmetic = DIVISIONS * machine.division + ROOTS * machine.root
+    arithmetic += OPERATIONS * machine.operation + STORES * machine.store
+    size = PAIR_BYTES * pairs + DISC_BYTES
+    byte = float(np.interp(np.log(discs * size), np.log(machine.sizes), machine.byte))
+    return pairs * arithmetic, size * byte
+
+
+if __name__ == "__main__":
+    found = measure()
+    for name in ("division", "root", "operation", "store"):
+        print(f"{name:10s} {getattr(found, name) * 1e9:6.3f} ns")
+    for size, byte in zip(found.sizes, found.byte, strict=True):
+        print(f"{size / 2**20:8.3f} MB {1e-9 / byte:6.1f} GB/s")
+    for discs in (150, 1024, 16384, 100_000):
+        instructions, memory = step_limit(found, discs, 3.3)
+        print(
+            f"{discs:7d} discs {instructions * 1e9:5.1f} ns a disc, memory {memory * 1e9:5.1f} ns"
+        )

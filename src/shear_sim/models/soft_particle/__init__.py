@@ -1,0 +1,79 @@
+r"""Soft particles: elasto-plastic shells of mass points around compressible cores.
+
+Source: Trivino, Richefeu, Radjai, Lampoh & Delenne, "A soft particle dynamics method based on
+shape degrees of freedom" (arXiv:2503.22827); "paper (n)" below is its equation n. Everything is per
+metre of depth, tension and angles counter-clockwise are positive. Where the paper and mechanics
+disagree, mechanics holds; each place is named here, and the tests show it.
+
+**Shell.** Vertices of mass m, bars between them, a hinge at each. Of a material E, ν, h::
+
+    k_s = E h / ℓ (1 − ν²)                                                                 (SP.1)
+    k_b = E h³ / 12 ℓ (1 − ν²)                                                             (SP.2)
+
+(paper (10), (11) are those of a depth s = ℓ.) With ℓ_k the length of bar k and θ_k the angle from
+bar k − 1 to bar k::
+
+    F_k = k_s (ℓ_k − ℓ₀ − ℓ_p),   |F_k| ≤ F^Y                                              (SP.3)
+    M_k = k_b (θ_k − θ₀ − θ_p),   |M_k| ≤ M^Y                                              (SP.4)
+
+The plastic parts ℓ_p, θ_p move so that the bound holds (return mapping); increments that are left
+out as in paper (2) would stop short of it. The force of a hinge is −∂(M²/2k_b)/∂x: a couple M on
+each bar, M/ℓ at its ends. Paper (8), (9) have half of that.
+
+**Core.** Pressure of the area A (paper (4) is the first), half of p ℓ on each end of a bar::
+
+    p = p₀ − K_Ω (A − A₀)/A₀,  p₀,  p₀ A₀/A  or  p₀ − K_Ω ln(A/A₀)                         (SP.5)
+
+A ring of N bars has K_∂Ω = k_s tan(π/N) by itself (paper (22); not 2π/N as in (23)), and with its
+core K_∂Ω + K_Ω: ``core_ratio`` η = K_Ω/K_∂Ω.
+
+**Contacts** of vertices with segments, Eqs. (SP.6), (SP.7) of ``contacts``: a potential that counts
+everything once and is once continuously differentiable, friction that keeps angular momentum.
+Walls are planes with springs 2 k_n.
+
+**Motion.** m dv/dt = F, velocity Verlet; Eq. (SP.9) of ``motion`` is its energy balance. The step
+is a fraction of 2/ω, with a bound ω on all frequencies, cores and contacts included, Eq. (SP.10) of
+``system``; the paper's √(m/k) forgets the core.
+
+**Diametral compression.** A ring between two plates. F R²/EI and V/V₀ of an elastic ring follow the
+elastica, that is a ring with flat contacts bears at their two ends and nowhere in between: paper
+(31), (34), F = F* L_c/ℓ, and the plateaus of its figures 16 and 18 do not follow from the model.
+A plastic one follows DeRuntz & Hodge.
+
+Reading order: ``parameters``, ``diametral``, ``system``, ``motion``, ``kernels``, ``contacts``.
+"""
+
+from collections.abc import Sequence
+
+from shear_sim.models.interface import Simulation
+from shear_sim.models.soft_particle.columns import COLUMNS, DERIVED, MEASURED, derive
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
+from shear_sim.streams import Streams
+
+POINT = SoftParticlePoint
+PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
+
+__all__ = [
+    "COLUMNS",
+    "DERIVED",
+    "MEASURED",
+    "PHYSICS_VERSION",
+    "POINT",
+    "compile_for",
+    "derive",
+    "start",
+]
+
+
+def start(point: SoftParticlePoint, streams: Streams) -> Simulation:  # noqa: ARG001 - no chance yet
+    """Prepare a simulation: a ring that touches two plates."""
+    from shear_sim.models.soft_particle.simulation import SoftParticleSimulation  # loads Numba
+
+    return SoftParticleSimulation(point)
+
+
+def compile_for(points: Sequence[SoftParticlePoint]) -> None:
+    """Compile all kernels, or load them from the cache."""
+    from shear_sim.models.soft_particle.simulation import compile_kernels
+
+    compile_kernels(points)

@@ -1,0 +1,212 @@
+"""Steps in time: velocity Verlet, with the work of every force as it is done.
+
+With v at half steps and x, F at whole ones, K_n = ½ Σ m v_{n−½}·v_{n+½} obeys
+
+    K_{n+1} − K_n = Σ ½ (F_n + F_{n+1})·(x_{n+1} − x_n)                                    (SP.9)
+
+to round-off. So every force that stores nothing has its work summed by this same rule, half at each
+end of a step, and what is missing from the sum of all energies is the error of that rule for
+the conservative ones alone: of second order in δt, and not growing with time.
+"""
+
+import numpy as np
+
+from shear_sim.cell import Floats, Ints
+from shear_sim.compiled import jit
+from shear_sim.models.soft_particle import rigid as bodies
+from shear_sim.models.soft_particle.contacts import contact_forces, wall_forces
+from shear_sim.models.soft_particle.kernels import shell_forces
+from shear_sim.models.soft_particle.links import link_forces
+from shear_sim.models.soft_particle.state import (
+    DAMPING,
+    DRAG,
+    IMPOSED,
+    LISTS_USED_UP,
+    NOT_FINITE,
+    RUNNING,
+    TOO_FAST,
+    Chains,
+    Links,
+    Lists,
+    Motion,
+    Rigid,
+    Rules,
+    Springs,
+    Walls,
+    Work,
+)
+
+
+@jit
+def apply_forces(
+    chains: Chains,
+    lists: Lists,
+    rules: Rules,
+    motion: Motion,
+    springs: Springs,
+    links: Links,
+    walls: Walls,
+    work: Work,
+    damped: bool,
+) -> int:
+    """Write all forces of the present positions; return a status."""
+    fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
+    shell_forces(
+        chains, motion.x, motion.y, motion.px, motion.py, fx, fy, dx, dy, work.energy,
+        work.scratch, damped,
+    )  # fmt: skip
+    for k in range(fx.shape[0]):
+        fx[k] += motion.gx[k]
+        fy[k] += motion.gy[k]
+        if not damped:
+            dx[k] = 0.0
+            dy[k] = 0.0
+    link_forces(links, motion.x, motion.y, chains.after, fx, fy, work.energy)
+    status = contact_forces(chains, lists, rules, motion, springs, work)
+    wall_forces(chains, rules, motion, springs, walls, work)
+    return status
+
+
+@jit
+def kick(
+    motion: Motion, mass: Floats, held: Ints, drag: float, half: float, energy: Floats
+) -> None:
+    """Change velocities by half a step ``half`` [s] of the forces."""
+    vx, vy, px, py = motion.vx, motion.vy, motion.px, motion.py
+    fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
+    for k in range(vx.shape[0]):
+        scale = half / mass[k]
+        vx[k] += scale * motion.free_x[k] * (fx[k] + dx[k] - drag * px[k])
+        vy[k] += scale * motion.free_y[k] * (fy[k] + dy[k] - drag * py[k])
+    for q in range(held.shape[0]):
+        k = held[q]
+        if motion.free_x[k] == 0.0:
+            energy[IMPOSED] -= half * (fx[k] + dx[k] - drag * px[k]) * vx[k]
+        if motion.free_y[k] == 0.0:
+            energy[IMPOSED] -= half * (fy[k] + dy[k] - drag * py[k]) * vy[k]
+
+
+@jit
+def spend(motion: Motion, drag: float, half: float, energy: Floats) -> None:
+    """Add half a step of what dashpots and drag take at the present half-step velocity."""
+    vx, vy, px, py, dx, dy = motion.vx, motion.vy, motion.px, motion.py, motion.dx, motion.dy
+    even = odd = 0.0  # two chains of sums: each addition waits for the one before
+    for k in range(0, vx.shape[0] - 1, 2):
+        even += dx[k] * vx[k] + dy[k] * vy[k]
+        odd += dx[k + 1] * vx[k + 1] + dy[k + 1] * vy[k + 1]
+    if vx.shape[0] % 2 == 1:
+        k = vx.shape[0] - 1
+        even += dx[k] * vx[k] + dy[k] * vy[k]
+    energy[DAMPING] -= half * (even + odd)
+    if drag > 0.0:
+        even = 0.0
+        for k in range(vx.shape[0]):
+            even += px[k] * vx[k] + py[k] * vy[k]
+        energy[DRAG] += half * drag * even
+
+
+@jit
+def drift(motion: Motion, dt: float) -> float:
+    """Move all vertices by a step; return the largest square of a velocity [m²/s²].
+
+    Those of rigid bodies are put in their places afterwards, by ``rigid.drift``.
+    """
+    x, y, vx, vy = motion.x, motion.y, motion.vx, motion.vy
+    fastest = 0.0
+    for k in range(x.shape[0]):
+        x[k] += dt * vx[k]
+        y[k] += dt * vy[k]
+        fastest = max(fastest, vx[k] * vx[k] + vy[k] * vy[k])
+    return fastest
+
+
+@jit
+def predict(motion: Motion, mass: Floats, drag: float, half: float) -> None:
+    """Predict velocities of the end of the step, for dashpots, with the accelerations before it."""
+    vx, vy, px, py = motion.vx, motion.vy, motion.px, motion.py
+    fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
+    for k in range(vx.shape[0]):
+        scale = half / mass[k]
+        px[k] = vx[k] + scale * motion.free_x[k] * (fx[k] + dx[k] - drag * px[k])
+        py[k] = vy[k] + scale * motion.free_y[k] * (fy[k] + dy[k] - drag * py[k])
+
+
+@jit
+def march(
+    chains: Chains,
+    lists: Lists,
+    rules: Rules,
+    motion: Motion,
+    springs: Springs,
+    links: Links,
+    rigid: Rigid,
+    held: Ints,
+    walls: Walls,
+    work: Work,
+    steps: int,
+    room: float,
+    leap: float,
+    damped: bool,
+) -> tuple[int, int]:
+    """Make ``steps`` steps, or as many as the lists are good for.
+
+    Parameters
+    ----------
+    held : (H,)
+        Vertices with an imposed velocity.
+    room : float
+        Displacement of any vertex that the lists allow for [m].
+    leap : float
+        Longest way of a vertex in one step, beyond which it could pass a segment unseen [m].
+    damped : bool
+        Whether chains have dashpots.
+
+    Returns
+    -------
+    done, status : int
+        Whole steps made, after each of which positions, velocities and forces are of one time.
+    """
+    mass, energy = chains.mass, work.energy
+    planes = walls.nx.shape[0]
+    dt, drag = rules.step, rules.drag
+    half = 0.5 * dt
+    lossy = damped or rules.dashpot > 0.0 or drag > 0.0
+    for step in range(steps):
+        if 2.0 * work.travelled[0] > room:
+            return step, LISTS_USED_UP
+        kick(motion, mass, held, drag, half, energy)
+        bodies.kick(rigid, chains.start, motion, drag, half)
+        fastest = drift(motion, dt)
+        fastest = max(fastest, bodies.drift(rigid, chains.start, motion, dt))
+        if lossy:
+            spend(motion, drag, half, energy)
+            predict(motion, mass, drag, half)
+        if not np.isfinite(fastest):
+            return step, NOT_FINITE
+        if fastest * dt * dt > leap * leap:
+            return step, TOO_FAST
+        work.travelled[0] += dt * np.sqrt(fastest)
+        for w in range(planes):
+            if walls.mass[w] > 0.0:
+                net = walls.load[w] - walls.push[w] - walls.damping[w] * walls.velocity[w]
+                walls.velocity[w] += half * net / walls.mass[w]
+            walls.position[w] += dt * walls.velocity[w]
+            power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
+            walls.work[w] += half * power
+
+        status = apply_forces(chains, lists, rules, motion, springs, links, walls, work, damped)
+
+        if lossy:
+            spend(motion, drag, half, energy)
+        kick(motion, mass, held, drag, half, energy)
+        bodies.kick(rigid, chains.start, motion, drag, half)
+        bodies.carry(rigid, chains.start, motion)
+        for w in range(planes):
+            power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
+            walls.work[w] += half * power
+            if walls.mass[w] > 0.0:
+                net = walls.load[w] - walls.push[w] - walls.damping[w] * walls.velocity[w]
+                walls.velocity[w] += half * net / walls.mass[w]
+        if status != RUNNING:
+            return step + 1, status
+    return steps, RUNNING

@@ -1,0 +1,130 @@
+"""The sections of a study of soft particles: every physical parameter, its unit and its limits."""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from shear_sim.models.interface import Point
+from shear_sim.schema import PERCENT, Impossible, Positive, Section
+
+
+class SoftParticlePacking(Section):
+    """Which particles there are: so far one ring."""
+
+    vertices: Annotated[
+        int, Field(ge=8, le=2000, multiple_of=4, description="N of a ring, mass points")
+    ] = 100
+    radius: Annotated[
+        float, Field(gt=0, le=10, description="R of the mid-line of the shell [m]")
+    ] = 1e-3
+
+
+class SoftParticle(Section):
+    """Elasto-plastic shells around cores (Trivino et al.)."""
+
+    kind: Literal["soft_particle"] = "soft_particle"
+    young_modulus: Annotated[Positive, Field(description="E of the shell [Pa]")] = 1e6
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, description="ν of the shell")] = 0.0
+    thickness: Annotated[float, Field(gt=0, le=0.5, description="h / R")] = 0.05
+    density: Annotated[
+        Positive, Field(description="mass of a particle / its area π R² [kg/m³]")
+    ] = 1000.0
+    core: Annotated[
+        Literal["none", "elastic", "log"],
+        Field(description="pressure of the core: −K ΔA/A₀, or −K ln(A/A₀)"),
+    ] = "log"
+    core_ratio: Annotated[
+        float, Field(ge=0, le=1e4, description="η = K_Ω / (k_s tan(π/N)); 100 is incompressible")
+    ] = 0.0
+    yield_moment: Annotated[
+        float | None,
+        Field(ge=1e-5, description="M^Y / M*, M* = E h³/12 (1 − ν²) R; none: hinges never yield"),
+    ] = None
+    yield_force: Annotated[
+        float | None,
+        Field(gt=0, description="F_s^Y / E h; none: bars never yield"),
+    ] = None
+    friction: Annotated[float, Field(ge=0, le=10, description="Coulomb μ of contacts")] = 0.0
+    contact_stiffness: Annotated[
+        float, Field(gt=0, le=1000, description="k_n / (k_b/ℓ²) of the shell")
+    ] = 10.0
+    damping: Annotated[
+        float, Field(ge=0, le=1, description="of bars and hinges, fraction of critical"), PERCENT
+    ] = 0.2
+    drag: Annotated[
+        float,
+        Field(ge=0, le=2, description="of a vertex / (m ω₁), ω₁ the slowest vibration of a ring"),
+    ] = 0.1
+
+
+class DiametralCompression(Section):
+    """A ring between two plates that approach each other, and part again."""
+
+    kind: Literal["diametral_compression"] = "diametral_compression"
+    compression: Annotated[
+        float,
+        Field(gt=0, le=0.8, description="ε = 1 − b/b₀ reached, b: mid-line to mid-line"),
+        PERCENT,
+    ] = 0.4
+    relative_rate: Annotated[
+        float,
+        Field(gt=0, le=0.05, description="ε̇ T₁: compression in one period of the slowest mode"),
+    ] = 0.005
+    unload: Annotated[bool, Field(description="let the plates part again")] = True
+
+
+class SoftParticleIntegrator(Section):
+    """Steps in time."""
+
+    step: Annotated[
+        float,
+        Field(gt=0, le=0.9, description="δt / the longest stable one, from all stiffnesses"),
+    ] = 0.2
+
+
+class SoftParticleRecord(Section):
+    """How often a record is made."""
+
+    rows: Annotated[
+        int | None, Field(ge=10, le=100_000, description="records; default 200, or 400 if unloaded")
+    ] = None
+
+
+class SoftParticlePoint(Point):
+    """One simulation of soft particles."""
+
+    packing: SoftParticlePacking = SoftParticlePacking()
+    model: SoftParticle = SoftParticle()
+    shear: DiametralCompression = DiametralCompression()
+    integrator: SoftParticleIntegrator = SoftParticleIntegrator()
+    record: SoftParticleRecord = SoftParticleRecord()
+
+    @property
+    def kind(self) -> str:
+        """Name of the model."""
+        return self.model.kind
+
+    def resolved(self) -> Self:
+        """Return the point with its number of records filled in."""
+        rows = self.record.rows or (400 if self.shear.unload else 200)
+        return self.model_copy(update={"record": SoftParticleRecord(rows=rows)})
+
+    @model_validator(mode="after")
+    def _have_a_core(self) -> Self:
+        if self.model.core == "none" and self.model.core_ratio > 0:
+            message = "a particle without a core has no core_ratio: leave one of both out"
+            raise Impossible([(("model.core_ratio", "model.core"), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _keep_segments_apart(self) -> Self:
+        segment = 2 * math.sin(math.pi / self.packing.vertices)
+        if self.model.thickness > 3 * segment:
+            message = (
+                f"the shell (h = {self.model.thickness:g} R) is more than three times as thick as "
+                f"a segment is long ({segment:.3g} R), which no bar is: fewer vertices, or a "
+                "thinner shell"
+            )
+            raise Impossible([(("model.thickness", "packing.vertices"), message)])
+        return self

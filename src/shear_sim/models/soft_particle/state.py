@@ -1,0 +1,183 @@
+"""State of soft particles: the tuples of flat arrays that the kernels share.
+
+V vertices, chain after chain, closed chains (rings) counter-clockwise. Segment k goes from vertex k
+to ``after[k]``, hinge k is at vertex k; both are stored at k. Everything is per metre of depth.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from shear_sim.cell import Floats, Ints
+
+# Laws of the core: pressure p of the area A, see ``kernels.core_pressure``.
+HOLLOW, ELASTIC, DRAINED, GAS, LOGARITHMIC = 0, 1, 2, 3, 4
+CORE_LAWS = ("none", "elastic", "drained", "gas", "log")
+
+RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # status of a march
+
+# Work done and energy lost so far, each by its own force [J/m]: places in ``Work.energy``.
+STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)
+ENERGIES = 8
+
+FEATURES = 64  # of the contacts of one vertex
+SLOTS = 4  # separate places where one vertex can touch with friction at once
+
+
+class Chains(NamedTuple):
+    """What N chains of V vertices are made of; the hinges and bars change only by yielding."""
+
+    start: Ints  # (N + 1,) chain p has the vertices start[p]:start[p + 1]
+    closed: Ints  # (N,) 1: a ring
+    radius: Floats  # (N,) r, half the thickness in contacts [m]
+    stretch_yield: Floats  # (N,) force at which a segment yields [N/m]
+    bend_yield: Floats  # (N,) moment at which a hinge yields [N]
+    stretch_damping: Floats  # (N,) force per rate of length [N s/m²]
+    bend_damping: Floats  # (N,) moment per rate of angle [N s]
+    core_law: Ints  # (N,)
+    core_stiffness: Floats  # (N,) K_Ω [Pa]
+    core_pressure: Floats  # (N,) p₀, at the area A₀ [Pa]
+    core_area: Floats  # (N,) A₀ [m²]
+    chain: Ints  # (V,) chain of a vertex
+    before: Ints  # (V,) vertex before, −1 at the start of an open chain
+    after: Ints  # (V,) vertex after, −1 at its end
+    mass: Floats  # (V,) [kg/m]
+    stretch_stiffness: Floats  # (V,) k_s of segment k [N/m²]
+    bend_stiffness: Floats  # (V,) k_b of hinge k [N]
+    rest_length: Floats  # (V,) ℓ₀ + plastic part [m]
+    rest_angle: Floats  # (V,) θ₀ + plastic part
+    tension: Floats  # (V,) of segment k, now [N/m]
+    moment: Floats  # (V,) of hinge k, now [N]
+
+
+class Motion(NamedTuple):
+    """Where the V vertices are and what moves them; arrays of shape (V,) unless said."""
+
+    x: Floats  # [m]
+    y: Floats
+    vx: Floats  # [m/s]; at the half step within a step
+    vy: Floats
+    px: Floats  # predicted velocity, which dashpots and friction see
+    py: Floats
+    fx: Floats  # force without dashpots and drag [N/m]
+    fy: Floats
+    dx: Floats  # force of the dashpots [N/m]
+    dy: Floats
+    gx: Floats  # constant imposed force, weight included [N/m]
+    gy: Floats
+    free_x: Floats  # 1, or 0 where the velocity is imposed
+    free_y: Floats
+
+
+class Lists(NamedTuple):
+    """Segments near each vertex: those of vertex v are start[v]:start[v + 1]."""
+
+    start: Ints  # (V + 1,)
+    segment: Ints  # (C,)
+    kind: Ints  # (C,) ONE_SIDED or TWO_SIDED
+
+
+ONE_SIDED, TWO_SIDED = 0, 1  # contact from outside a ring; with an open chain or itself
+
+
+class Springs(NamedTuple):
+    """Tangential springs of the contacts of every vertex with chains and walls."""
+
+    segment: Ints  # (V, SLOTS) main segment of a contact, −1: slot not in use
+    force: Floats  # (V, SLOTS) [N/m]
+    wall: Floats  # (W, V) [N/m]
+
+
+class Walls(NamedTuple):
+    """W rigid half-planes n·x < position; arrays of shape (W,)."""
+
+    nx: Floats  # unit normal, from the wall to the particles
+    ny: Floats
+    position: Floats  # [m]
+    velocity: Floats  # along n; at the half step within a step [m/s]
+    slide: Floats  # velocity along the tangent (−n_y, n_x) [m/s]
+    mass: Floats  # of a wall that moves by itself [kg/m]; 0: it moves at ``velocity``
+    load: Floats  # force on such a wall towards the particles [N/m]
+    damping: Floats  # force on it per velocity [N s/m²]
+    push: Floats  # normal force on the particles, now [N/m]
+    drive: Floats  # tangential force on the particles, now [N/m]
+    work: Floats  # done by the wall so far [J/m]
+
+
+class Links(NamedTuple):
+    """L cohesive links; arrays of shape (L,), see ``links``."""
+
+    vertex: Ints
+    segment: Ints
+    brother: Ints  # link at the other end of the interface; itself if there is none
+    intact: Ints
+    share: Floats  # of the segment, where the link is fixed to it
+    across: Floats  # n·Δ and t·Δ at the start [m]
+    along: Floats
+    length: Floats  # of the interface [m]
+    pull: Floats  # normal and tangential force of now [N/m]
+    shear: Floats
+    law: Floats  # (6,) k_n, k_t [N/m²], f_n⁰, f_t⁰ [N/m], α, G_c [N/m] or 0
+
+
+class Rigid(NamedTuple):
+    """B rigid bodies; arrays of shape (B,), but for the arms."""
+
+    chain: Ints
+    mass: Floats  # [kg/m]
+    inertia: Floats  # about the centre [kg m]
+    x: Floats  # centre [m]
+    y: Floats
+    angle: Floats
+    vx: Floats  # [m/s]; at the half step within a step
+    vy: Floats
+    spin: Floats  # [1/s]
+    armx: Floats  # (V,) vertex − centre at angle 0 [m]
+    army: Floats
+
+
+class Rules(NamedTuple):
+    """Constants of contacts and motion."""
+
+    stiffness: float  # k_n [N/m²]; twice that at walls
+    tangential: float  # k_t [N/m²]
+    friction: float  # μ
+    dashpot: float  # β: f = k_n h (1 − β ḣ⁻) [s/m]
+    drag: float  # force of a vertex per velocity [N s/m²]
+    step: float  # δt [s]
+
+
+class Work(NamedTuple):
+    """What a march writes down."""
+
+    energy: Floats  # (ENERGIES,) [J/m]
+    travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
+    closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
+    scratch: Floats  # (8, V) room for bars and hinges
+    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.friction``
+    owner: Ints  # (FEATURES,)
+    run: Ints  # (FEATURES,)
+    held: Ints  # (V,) whether a vertex had springs of friction at the step before
+
+
+def springs(vertices: int, walls: int) -> Springs:
+    """Return springs without tension."""
+    return Springs(
+        np.full((vertices, SLOTS), -1, np.int32),
+        np.zeros((vertices, SLOTS)),
+        np.zeros((walls, vertices)),
+    )
+
+
+def work(vertices: int) -> Work:
+    """Return the ledger of a march that begins."""
+    return Work(
+        np.zeros(ENERGIES),
+        np.zeros(1),
+        np.full(1, np.inf),
+        np.zeros((8, vertices)),
+        np.zeros((FEATURES, 7)),
+        np.zeros(FEATURES, np.int32),
+        np.zeros(FEATURES, np.int32),
+        np.zeros(vertices, np.int32),
+    )

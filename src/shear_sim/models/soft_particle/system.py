@@ -1,0 +1,389 @@
+"""A system of soft particles that is asked to go on: what is between the kernels and a scenario."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import SimulationError
+from shear_sim.models.soft_particle.bodies import Body, assemble
+from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
+from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
+from shear_sim.models.soft_particle.links import glue, link_energy, no_links
+from shear_sim.models.soft_particle.motion import apply_forces, march
+from shear_sim.models.soft_particle.pairs import near_segments
+from shear_sim.models.soft_particle.rigid import freeze_shapes
+from shear_sim.models.soft_particle.state import (
+    BEND_YIELD,
+    BROKEN,
+    DAMPING,
+    DRAG,
+    DRAINED,
+    GAS,
+    HOLLOW,
+    IMPOSED,
+    LISTS_USED_UP,
+    NOT_FINITE,
+    RUNNING,
+    SEPARATION,
+    SLIDING,
+    STRETCH_YIELD,
+    TOO_FAST,
+    Chains,
+    Rules,
+    Walls,
+    springs,
+    work,
+)
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+
+FRACTION = 0.2  # of the longest stable step
+CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
+SHARPEST = 0.95 * math.pi  # turning angle of a hinge that counts as folded
+SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths / rest length, area / area at the start
+
+
+class Wall(NamedTuple):
+    """A rigid half-plane n·x < position, n = (nx, ny) towards the particles."""
+
+    nx: float
+    ny: float
+    position: float  # [m]
+    velocity: float = 0.0  # along n [m/s]
+    slide: float = 0.0  # along (−n_y, n_x) [m/s]
+    mass: float = 0.0  # [kg/m] of a wall that moves by itself under ``load``; 0: it does not
+    load: float = 0.0  # [N/m] towards the particles
+    damping: float = 0.0  # [N s/m²]
+
+
+class Budget(NamedTuple):
+    """Energies now, and work and losses since the start [J/m]; ``missing`` is what they leave."""
+
+    kinetic: float
+    stretch: float
+    bend: float
+    core: float
+    normal: float
+    tangential: float
+    links: float
+    by_walls: float
+    by_forces: float
+    by_velocities: float
+    stretch_yield: float
+    bend_yield: float
+    sliding: float
+    separation: float
+    damping: float
+    drag: float
+    broken: float
+    missing: float
+
+
+def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
+    """Return a bound ω [1/s] on all frequencies: bars, hinges, cores and contacts (SP.10).
+
+    ω² m = 4 k_s + 16 k_b/ℓ² + (K_Ω/A₀) Σ|∂A/∂x_k|² + |p₀| + 2·4 k_n, each the largest of a chain;
+    the sum of the squares is 4π/N A₀ for a ring of N equal segments.
+    """
+    highest = 0.0
+    for p in range(len(chains.closed)):
+        part = slice(chains.start[p], chains.start[p + 1])
+        least = float(chains.rest_length[part].min())
+        total = 4.0 * float(chains.stretch_stiffness[part].max())
+        total += 16.0 * float(chains.bend_stiffness[part].max()) / least**2
+        total += 2.0 * CONTACTS * stiffness
+        if chains.core_law[p] != HOLLOW:
+            px, py = x[part], y[part]
+            slope = 0.25 * (
+                (np.roll(px, -1) - np.roll(px, 1)) ** 2 + (np.roll(py, -1) - np.roll(py, 1)) ** 2
+            )
+            rest = abs(float(chains.core_pressure[p]))
+            if chains.core_law[p] == GAS:
+                modulus = rest
+            elif chains.core_law[p] == DRAINED:
+                modulus = 0.0
+            else:
+                modulus = float(chains.core_stiffness[p])
+            total += modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
+        highest = max(highest, total / float(chains.mass[part].min()))
+    return math.sqrt(highest)
+
+
+class System:
+    """Bodies and walls in motion.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+    walls : sequence of Wall
+    stiffness : float
+        k_n of contacts between chains [N/m²].
+    tangential : float, optional
+        k_t; default k_n.
+    friction : float
+        Coulomb's μ.
+    contact_damping : float
+        Fraction of critical of a contact of full overlap.
+    drag : float
+        Force of a vertex per velocity [N s/m²].
+    step : float, optional
+        δt [s]; default a fifth of the longest stable one.
+
+    Raises
+    ------
+    BodyError
+        If a body is none.
+    ValueError
+        If the step is not stable.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        walls: Sequence[Wall] = (),
+        *,
+        stiffness: float,
+        tangential: float | None = None,
+        friction: float = 0.0,
+        contact_damping: float = 0.0,
+        drag: float = 0.0,
+        step: float | None = None,
+    ) -> None:
+        self.chains, self.motion = assemble(bodies)
+        self.stable_step = 2.0 / highest_frequency(
+            self.chains, self.motion.x, self.motion.y, stiffness
+        )
+        if step is not None and not 0.0 < step <= 0.9 * self.stable_step:
+            msg = (
+                f"time_step = {step:g} s is over 0.9 of the longest stable one "
+                f"({self.stable_step:.3g} s): at most {0.4 * self.stable_step:.2g}"
+            )
+            raise ValueError(msg)
+        vertices = len(self.motion.x)
+        thin = float(self.chains.radius.min())
+        mass = float(self.chains.mass.min())
+        self.rules = Rules(
+            stiffness,
+            stiffness if tangential is None else tangential,
+            friction,
+            contact_damping * math.sqrt(mass / stiffness) / thin,
+            drag,
+            FRACTION * self.stable_step if step is None else step,
+        )
+        table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
+        self.walls = Walls(*table.T.copy(), *np.zeros((3, len(table))))
+        self.springs = springs(vertices, len(table))
+        self.work = work(vertices)
+        self.links = no_links()
+        self.rigid = freeze_shapes(self.chains, self.motion, np.zeros(0, np.int32))
+        self.held = np.zeros(0, np.int32)
+        self.skin = 2.0 * thin
+        self.leap = 0.5 * thin
+        self.steps = 0
+        self.damped = bool(self.chains.stretch_damping.any() or self.chains.bend_damping.any())
+        self.begin()
+
+    def begin(self) -> None:
+        """Take the present state as the start of the energy balance."""
+        self._list()
+        at_once = self.rules._replace(step=0.0)  # so that no spring is stretched by it
+        self._forces(at_once)
+        self.work.energy[:] = 0.0
+        self.walls.work[:] = 0.0
+        self._x0, self._y0 = self.motion.x.copy(), self.motion.y.copy()
+        self._at_start = 0.0
+        self._at_start = self._stored_and_kinetic()
+
+    def _forces(self, rules: Rules) -> None:
+        self.motion.px[:] = self.motion.vx
+        self.motion.py[:] = self.motion.vy
+        status = apply_forces(
+            self.chains, self.lists, rules, self.motion, self.springs, self.links, self.walls,
+            self.work, self.damped,
+        )  # fmt: skip
+        self._guard(status)
+
+    def _list(self) -> None:
+        self.lists = near_segments(self.chains, self.motion.x, self.motion.y, self.skin)
+        self.work.travelled[0] = 0.0
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self.steps * self.rules.step
+
+    def advance(self, steps: int) -> None:
+        """Make ``steps`` steps.
+
+        Raises
+        ------
+        SimulationError
+            If a guard stops the run; says which particle and what to do.
+        """
+        target = self.steps + steps
+        while self.steps < target:
+            done, status = march(
+                self.chains, self.lists, self.rules, self.motion, self.springs, self.links,
+                self.rigid, self.held, self.walls, self.work,
+                target - self.steps, self.skin, self.leap, self.damped,
+            )  # fmt: skip
+            self.steps += done
+            if status == LISTS_USED_UP:
+                status = RUNNING
+                self._list()
+            self._guard(status)
+
+    def hold(self, vertices: IndexArray, vx: float | None = 0.0, vy: float | None = 0.0) -> None:
+        """Impose the velocity [m/s] of ``vertices``, in x, y or both (None: free).
+
+        Call ``begin`` afterwards, if an energy balance is wanted.
+        """
+        motion = self.motion
+        for free, speeds, value in ((motion.free_x, motion.vx, vx), (motion.free_y, motion.vy, vy)):
+            free[vertices] = 0.0 if value is not None else 1.0
+            if value is not None:
+                speeds[vertices] = value
+        moved = (motion.free_x == 0.0) | (motion.free_y == 0.0)
+        moved &= ~np.isin(self.chains.chain, self.rigid.chain)
+        self.held = np.flatnonzero(moved).astype(np.int32)
+
+    def make_rigid(self, particles: IndexArray) -> None:
+        """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
+        self.rigid = freeze_shapes(self.chains, self.motion, particles.astype(np.int32))
+
+    def glue(self, reach: float, **law: Any) -> None:
+        """Link the particles within ``reach`` [m], see ``links.glue``; see ``hold`` for ``begin``.
+
+        Raises
+        ------
+        ValueError
+            If none are, or the step is too long with the links.
+        """
+        self.links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
+        highest = (2.0 / self.stable_step) ** 2
+        # Two links at a vertex or segment, with at most 2 k each.
+        highest += 4.0 * float(self.links.law[:2].max()) / float(self.chains.mass.min())
+        longest = 2.0 / math.sqrt(highest)
+        if self.rules.step > 0.9 * longest:
+            msg = f"time_step = {self.rules.step:g} s is too long with links: at most {longest:.3g}"
+            raise ValueError(msg)
+        self.stable_step = longest
+
+    def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
+        """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
+        self.motion.gx[vertices] += fx
+        self.motion.gy[vertices] += fy
+
+    def area(self, p: int) -> float:
+        """Return the area [m²] inside ring ``p``, to the mid-line."""
+        first, end = self.chains.start[p : p + 2]
+        return float(ring_area(self.motion.x, self.motion.y, first, end))
+
+    def _guard(self, status: int) -> None:
+        """Stop if the state means nothing any more."""
+        problem = ""
+        if status == NOT_FINITE or not np.isfinite(self.motion.x.sum() + self.motion.y.sum()):
+            problem = "a position is not finite: a shorter time_step, or slower walls"
+        elif status == TOO_FAST:
+            problem = (
+                "a vertex moves by more than half its radius in one step: a shorter time_step, "
+                "slower walls, or less load"
+            )
+        elif status != RUNNING:
+            problem = "a vertex touches too many segments: larger segments, or thinner shells"
+        elif self.work.closest[0] < 0.5 * DEEPEST:
+            problem = (
+                "a vertex went through a segment or a wall: a larger contact stiffness, a "
+                "shorter time_step, or slower walls"
+            )
+        else:
+            problem = self._misshapen()
+        if problem:
+            msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
+            raise SimulationError(msg)
+
+    def _misshapen(self) -> str:
+        """Return what is wrong with the first particle that is no ring or chain any more."""
+        chains, x, y = self.chains, self.motion.x, self.motion.y
+        ahead = np.where(chains.after >= 0, chains.after, np.arange(len(x)))
+        ex, ey = x[ahead] - x, y[ahead] - y
+        length = np.hypot(ex, ey) / chains.rest_length
+        bars = chains.after >= 0
+        wrong = np.flatnonzero(bars & ((length < SHRUNK) | (length > STRETCHED)))
+        if len(wrong):
+            k = int(wrong[0])
+            return (
+                f"particle {chains.chain[k]}: a segment has {length[k]:.3g} of its rest length: "
+                "a larger stretch stiffness, or less load"
+            )
+        hinges = bars & (chains.before >= 0)
+        back = np.where(hinges, chains.before, 0)
+        ax, ay = ex[back], ey[back]
+        turn = np.abs(np.arctan2(ax * ey - ay * ex, ax * ex + ay * ey))
+        wrong = np.flatnonzero(hinges & (turn > SHARPEST))
+        if len(wrong):
+            k = int(wrong[0])
+            return (
+                f"particle {chains.chain[k]} is folded by {np.degrees(turn[k]):.0f} degrees at a "
+                "vertex: more vertices, a larger bending stiffness or bend_yield, or less load"
+            )
+        for p in np.flatnonzero(chains.closed):
+            share = self.area(int(p)) / chains.core_area[p]
+            if share < EMPTY:
+                return (
+                    f"particle {p} has {share:.3g} of its area: a core, a larger bending "
+                    "stiffness, or less load"
+                )
+        return ""
+
+    def kinetic(self) -> float:
+        """Return ½ Σ m v_{n−½}·v_{n+½} [J/m], the kinetic energy that (SP.9) balances."""
+        m, mass, dt = self.motion, self.chains.mass, self.rules.step
+        drag = self.rules.drag
+        body = self.rigid
+        rigid = 0.5 * float(
+            (body.mass * (body.vx**2 + body.vy**2) + body.inertia * body.spin**2).sum()
+        )
+        loose = ~np.isin(self.chains.chain, body.chain)
+        ax = m.free_x * (m.fx + m.dx - drag * m.px) / mass
+        ay = m.free_y * (m.fy + m.dy - drag * m.py) / mass
+        square = m.vx**2 + m.vy**2 - 0.25 * dt**2 * (ax**2 + ay**2)
+        return rigid + 0.5 * float((mass * square)[loose].sum())
+
+    def stored(self) -> tuple[float, ...]:
+        """Return the energies [J/m] of bars, hinges, cores, normal, tangential springs, links."""
+        parts = np.array(
+            [
+                shell_energy(self.chains, self.motion.x, self.motion.y, p)
+                for p in range(len(self.chains.closed))
+            ]
+        ).sum(axis=0)
+        contact = contact_energy(
+            self.chains, self.lists, self.rules, self.motion, self.springs, self.walls
+        )
+        link = link_energy(self.links, self.motion.x, self.motion.y, self.chains.after)
+        return (*map(float, parts), *contact, link)
+
+    def _stored_and_kinetic(self) -> float:
+        return sum(self.stored()) + self.kinetic()
+
+    def budget(self) -> Budget:
+        """Return the energy balance since the start."""
+        motion, energy = self.motion, self.work.energy
+        forces = float(
+            (motion.gx * (motion.x - self._x0) + motion.gy * (motion.y - self._y0)).sum()
+        )
+        walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
+        lost = (
+            energy[STRETCH_YIELD], energy[BEND_YIELD], energy[SLIDING], energy[SEPARATION],
+            energy[DAMPING], energy[DRAG], energy[BROKEN],
+        )  # fmt: skip
+        kinetic, stored = self.kinetic(), self.stored()
+        missing = walls + forces + imposed - sum(lost) - kinetic - sum(stored) + self._at_start
+        return Budget(
+            *map(float, (kinetic, *stored, walls, forces, imposed, *lost, missing)),
+        )

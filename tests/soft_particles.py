@@ -1,0 +1,66 @@
+"""Small scenes of soft particles."""
+
+import numpy as np
+
+from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
+from shear_sim.models.soft_particle.system import System
+
+
+def polygon(rng, vertices=9, radius=1.0, x=0.0, y=0.0):
+    """A wobbly ring, convex and concave corners."""
+    points = ring_points(vertices, radius) * rng.uniform(0.8, 1.2, (vertices, 1))
+    return points + np.array([x, y])
+
+
+def ring(
+    vertices=24, radius=1.0, x=0.0, y=0.0, *, thickness=0.1, mass=1.0, core=None, points=None, **law
+):
+    """A ring of E = 1 with ``law`` over its shell."""
+    shell = Shell.of_material(1.0, thickness)
+    shell = Shell(**{"stretch": shell.stretch, "bend": shell.bend} | law)
+    points = ring_points(vertices, radius, x, y) if points is None else points
+    return Body(points, True, 0.5 * thickness, mass, shell, core or Core())
+
+
+def chain(points, *, thickness=0.1, mass=1.0, stretch=0.1, bend=1e-4, **given):
+    """An open chain."""
+    shell = Shell(stretch, bend)
+    return Body(np.asarray(points, float), False, 0.5 * thickness, mass, shell, **given)
+
+
+def forces(system):
+    """The forces (V, 2) of the present positions."""
+    system._list()
+    system._forces(system.rules._replace(step=0.0))
+    return np.column_stack([system.motion.fx, system.motion.fy])
+
+
+def slope(system, at=None, step=1e-6):
+    """−∂(stored energy)/∂(position) (V, 2) by central differences, of vertices ``at``."""
+    out = np.zeros((len(system.motion.x), 2))
+    for axis, values in enumerate((system.motion.x, system.motion.y)):
+        for k in range(len(values)) if at is None else at:
+            here = values[k]
+            values[k] = here + step
+            system._list()
+            up = sum(system.stored())
+            values[k] = here - step
+            system._list()
+            out[k, axis] = -(up - sum(system.stored())) / (2 * step)
+            values[k] = here
+    system._list()
+    return out
+
+
+def system(*bodies, stiffness=1.0, **given):
+    return System(list(bodies), stiffness=stiffness, **given)
+
+
+def angular_momentum(s):
+    m = s.motion
+    return float((s.chains.mass * (m.x * m.vy - m.y * m.vx)).sum())
+
+
+def momentum(s):
+    m = s.motion
+    return np.array([(s.chains.mass * m.vx).sum(), (s.chains.mass * m.vy).sum()])

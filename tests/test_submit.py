@@ -1,0 +1,298 @@
+"""What is submitted and what is asked of Slurm, with stand-ins for its commands."""
+
+import json
+import re
+from collections import Counter
+
+import pytest
+from tools import run, write_study
+
+from shear_sim import slurm
+from shear_sim.plan import PlanError, make_plan
+from shear_sim.results import Results
+from shear_sim.slurm import SlurmError, Submission, Task, index_list
+from shear_sim.study import load_study
+from shear_sim.submit import Limits, alive, lay_out, submit
+
+# Stand-ins: each writes down how it was called and answers as told by a file beside it.
+COMMAND = """#!/bin/sh
+echo "$@" >> {folder}/{name}.calls
+[ "$1" = --parsable ] && cat > {folder}/script-$(wc -l < {folder}/{name}.calls)
+. {folder}/{name}.answer
+"""
+
+
+class Fake:
+    """A folder with Slurm's commands."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def answers(self, name, shell):
+        path = self.folder / name
+        path.write_text(COMMAND.format(folder=self.folder, name=name))
+        path.chmod(0o755)
+        (self.folder / f"{name}.answer").write_text(shell + "\n")
+
+    def calls(self, name):
+        path = self.folder / f"{name}.calls"
+        return path.read_text().splitlines() if path.exists() else []
+
+
+@pytest.fixture
+def fake(tmp_path, monkeypatch):
+    made = Fake(tmp_path / "slurm")
+    made.folder.mkdir()
+    monkeypatch.setenv("PATH", f"{made.folder}:/usr/bin:/bin")
+    made.answers("squeue", "")
+    made.answers("scontrol", "echo 'MaxArraySize            = 4'")
+    made.answers("sbatch", f"echo $((100 + $(wc -l < {made.folder}/sbatch.calls)))")
+    return made
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """12 jobs of three points that cost 100, 200 and 600 s; nothing is done."""
+    study = load_study(write_study(tmp_path))
+    planned = make_plan(study, Results(tmp_path / "results/study"))
+    costs = {0.01: 100.0, 0.1: 200.0, 1.0: 600.0}
+    for job in planned.run:
+        planned.wall_s.add(planned.points[job.id], costs[job.point.shear.strain_amplitude])
+    return planned
+
+
+def loads(plan, layout):
+    """Return what each task will take, from the jobs themselves."""
+    found = Counter()
+    for place, job in enumerate(plan.study.jobs()):
+        found[place % layout.shards] += plan.wall_s.mean(plan.points[job.id])
+    return found
+
+
+@pytest.mark.parametrize("limits", [Limits(), Limits(minutes=25), Limits(minutes=120, max_tasks=3)])
+def test_tasks_are_as_long_as_they_should_be(plan, limits):
+    layout = lay_out(plan, limits, {})
+    longest = max(loads(plan, layout).values())
+    assert layout.seconds == pytest.approx(longest)
+    assert layout.tasks == tuple(range(layout.shards))
+    assert layout.jobs == 12
+    assert layout.minutes <= (limits.minutes or 1440)
+    assert 60 * layout.minutes >= longest + 120  # room to start, and for the warning
+    assert layout.shards <= (limits.max_tasks or 12)
+    assert 3600 / layout.shards >= 300  # no task of seconds
+
+
+def test_one_short_study_is_one_task(plan):
+    plan.wall_s._sum = {key: value / 1000 for key, value in plan.wall_s._sum.items()}
+    layout = lay_out(plan, Limits(), {})
+    assert (layout.shards, layout.minutes) == (1, 10)
+
+
+def test_a_job_longer_than_the_limit_is_submitted_all_the_same(plan, fake, capsys):
+    plan.wall_s._sum = {key: value * 1000 for key, value in plan.wall_s._sum.items()}
+    layout = lay_out(plan, Limits(minutes=60), {})
+    assert layout.minutes == 60
+    assert layout.shards <= 12
+    submit(plan, Limits(minutes=60), print)
+    assert "longer than the limit: tasks will be requeued and go on" in capsys.readouterr().out
+
+
+def test_without_a_measured_job_the_user_must_say(tmp_path):
+    study = load_study(write_study(tmp_path))
+    planned = make_plan(study, Results(tmp_path / "results/study"))
+    for limits in (Limits(), Limits(minutes=30), Limits(max_tasks=4)):
+        with pytest.raises(PlanError, match="run a few first"):
+            lay_out(planned, limits, {})
+    layout = lay_out(planned, Limits(minutes=30, max_tasks=5), {})
+    assert (layout.shards, layout.minutes, layout.seconds) == (5, 30, None)
+
+
+def test_arrays_stay_below_the_largest_index_and_cover_every_task(plan, fake):
+    lines = []
+    numbers = submit(plan, Limits(minutes=10, max_tasks=11), lines.append)
+    scripts = [(fake.folder / f"script-{n}").read_text() for n in (1, 2, 3, 4)]
+    covered = []
+    for script in scripts[:3]:
+        [indices] = re.findall(r"--array=(\S+)", script)
+        first, _, last = indices.partition("-")
+        assert int(last or first) < 4
+        [(offset, count)] = re.findall(
+            r'--shard "\$(?:\(\()?SLURM_ARRAY_TASK_ID(?: \+ (\d+)\)\))?/(\d+)"', script
+        )
+        assert count == "11"
+        covered += [int(offset or 0) + i for i in range(int(first), int(last or first) + 1)]
+    assert sorted(covered) == list(range(11))
+    assert numbers == [101, 102, 103, 104]
+    assert "#SBATCH --dependency=afterany:101:102:103" in scripts[3]
+    records = slurm.submissions(plan.results)
+    assert [(each.job, each.kind) for each in records] == [
+        (101, "array"), (102, "array"), (103, "array"), (104, "aggregation"),
+    ]  # fmt: skip
+    assert all(str(number) in " ".join(lines) for number in numbers)
+
+
+def test_every_script_leaves_the_warning_to_the_program(plan, fake):
+    submit(plan, Limits(partition="long", account="a b"), print)
+    script = (fake.folder / "script-1").read_text()
+    assert re.search(
+        r"^exec \S*python\S* -m shear_sim sweep /.*/study.yaml --results /", script, re.MULTILINE
+    )
+    assert "#SBATCH --signal=B:USR1@120" in script
+    assert "#SBATCH --requeue" in script
+    assert "#SBATCH --partition=long" in script
+    assert "#SBATCH --account='a b'" in script
+
+
+def test_a_dry_run_submits_and_writes_nothing(plan, fake):
+    lines = []
+    assert submit(plan, Limits(), lines.append, dry_run=True) == []
+    assert fake.calls("sbatch") == []
+    assert not plan.results.folder.exists()
+    text = "\n".join(lines)
+    assert text.count("#!/bin/bash") == 2
+    assert "afterany" in text
+
+
+def test_only_what_is_missing_and_not_queued_is_submitted_again(plan, fake, tmp_path):
+    limits = Limits(minutes=25, max_tasks=4)
+    submit(plan, limits, print)
+    [array] = [each for each in slurm.submissions(plan.results) if each.kind == "array"]
+    assert array.tasks == (0, 1, 2, 3)
+    lines = ("101|1|RUNNING|None", "101|3|PENDING|Resources", "102|N/A|PENDING|Dependency")
+    fake.answers("squeue", "; ".join(f"echo '{line}'" for line in lines))
+    jobs = plan.study.jobs()
+    for job in jobs[0::4]:  # task 0 has done all of its jobs, task 2 was lost
+        plan.results.job_file(job.id).write_bytes(b"")
+    left = [job for job in plan.run if job not in jobs[0::4]]
+    again = make_plan(plan.study, plan.results, measure=False)
+    object.__setattr__(again, "wall_s", plan.wall_s)
+    assert len(again.run) == len(left)
+    lines = []
+    assert submit(again, limits, lines.append) == [103, 104]
+    script = (fake.folder / "script-3").read_text()
+    assert "#SBATCH --array=2\n" in script
+    assert '--shard "$SLURM_ARRAY_TASK_ID/4"' in script
+    assert "afterany:101:103" in (fake.folder / "script-4").read_text()
+    assert "2 of 4 tasks wait or run already" in lines[0]
+    fake.answers("squeue", 'for i in 1 2 3; do echo "101|$i|RUNNING|None"; done')
+    assert submit(again, limits, lines.append) == []
+    assert lines[-1] == "nothing to submit"
+
+
+def test_an_unknown_queue_is_no_empty_queue(plan, fake):
+    submit(plan, Limits(), print)
+    fake.answers("squeue", "exit 1")
+    with pytest.raises(SlurmError, match="squeue does not answer"):
+        submit(plan, Limits(), print)
+    assert len(fake.calls("sbatch")) == 2
+
+
+def test_a_refusal_says_what_is_queued_already(plan, fake):
+    fake.answers(
+        "sbatch",
+        f"[ $(wc -l < {fake.folder}/sbatch.calls) = 1 ] && echo 7 || "
+        "{ echo 'sbatch: error: Invalid qos' >&2; exit 1; }",
+    )
+    with pytest.raises(SlurmError, match="Invalid qos; queued: 7; the same command again"):
+        submit(plan, Limits(minutes=10, max_tasks=11), print)
+    [kept] = slurm.submissions(plan.results)
+    assert (kept.job, kept.tasks) == (7, (0, 1, 2, 3))
+
+
+@pytest.mark.parametrize("answer", ["", "echo 'not a number'", "exit 1"])
+def test_an_answer_without_a_number_is_an_error(plan, fake, answer):
+    """An empty number with exit code 0 would look like a running study."""
+    fake.answers("sbatch", answer)
+    with pytest.raises(SlurmError, match="nothing is queued"):
+        submit(plan, Limits(), print)
+    assert slurm.submissions(plan.results) == []
+
+
+def test_without_slurm_there_is_nothing_to_submit_to(plan, monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert slurm.queue() is None
+    assert slurm.max_array_size() == 1001
+    with pytest.raises(SlurmError, match="no sbatch on the PATH"):
+        submit(plan, Limits(), print)
+
+
+def test_the_command_line_submits(tmp_path, environment, fake):
+    environment["PATH"] = f"{fake.folder}:/usr/bin:/bin"
+    study = write_study(tmp_path, replicates=1)
+    given = ("submit", study, "--results", tmp_path / "results")
+    code, output = run(environment, *given)
+    assert (code, "no job is measured yet" in output) == (2, True), output
+    code, output = run(environment, *given, "--time", 10, "--max-tasks", 2, "--mem", 1500)
+    assert code == 0, output
+    assert "array 101: tasks 0-1 of 2" in output
+    assert "aggregation 102: after 101, however they end" in output
+    assert "#SBATCH --mem=1500M" in (fake.folder / "script-1").read_text()
+    fake.answers("squeue", "echo '101|0|RUNNING|None'; echo '101|1|PENDING|Priority'")
+    code, output = run(environment, "status", study, "--results", tmp_path / "results")
+    assert code == 0
+    assert "Slurm: array 101: 1 running, 1 waiting (Priority)" in output
+    fake.answers("squeue", "")
+    fake.answers("sacct", "echo '101_0|TIMEOUT'; echo '101_1|CANCELLED by 0'; echo '102|COMPLETED'")
+    shown = json.loads(run(environment, "status", tmp_path / "results/study", "--json")[1])
+    assert [each["tasks"] for each in shown["tasks"]] == [
+        {"timeout": 1, "cancelled": 1},
+        {"completed": 1},
+    ]
+    assert shown["missing"] == 3  # accounts only explain; files decide
+    assert shown["failed"] == []
+
+
+def test_alive_knows_shards_by_their_arrays():
+    submitted = [
+        Submission(5, "array", "", shards=9, tasks=(0, 1, 2), offset=0),
+        Submission(6, "array", "", shards=9, tasks=(4, 5), offset=4),
+        Submission(7, "aggregation", ""),
+    ]
+    queue = [
+        Task(5, 2, "RUNNING", ""),
+        Task(6, 1, "PENDING", ""),
+        Task(7, None, "PENDING", ""),
+        Task(99, 0, "RUNNING", ""),
+    ]
+    assert alive(submitted, queue) == {9: {2, 5}}
+
+
+@pytest.mark.parametrize(
+    ("indices", "text"), [([0], "0"), ([0, 1, 2, 3], "0-3"), ([0, 2, 3, 7], "0,2-3,7"), ([], "")]
+)
+def test_index_list(indices, text):
+    assert index_list(indices) == text
+
+
+@pytest.mark.usefixtures("fake")
+class TestRequeue:
+    def runs(self, monkeypatch, folder, restarts, progress):
+        monkeypatch.setenv("SLURM_RESTART_COUNT", str(restarts))
+        return slurm.requeue("12_3", folder, progress=progress)
+
+    def test_runs_without_progress_are_capped_and_those_with_it_are_not(
+        self, fake, tmp_path, monkeypatch
+    ):
+        given = [True, False, False, True, False, False, False, False]
+        answers = [self.runs(monkeypatch, tmp_path, n, p) for n, p in enumerate(given)]
+        assert answers[:6] == [None] * 6
+        assert all("no job has got any further in 3 runs" in answer for answer in answers[6:])
+        assert fake.calls("scontrol") == ["requeue 12_3"] * 6
+
+    def test_a_task_that_never_gets_anywhere_stops_after_three_runs(self, tmp_path, monkeypatch):
+        answers = [self.runs(monkeypatch, tmp_path, n, progress=False) for n in range(4)]
+        assert [answer is None for answer in answers] == [True, True, False, False]
+
+    def test_a_refusal_is_said(self, fake, tmp_path, monkeypatch):
+        fake.answers("scontrol", "exit 1")
+        assert "did not work" in self.runs(monkeypatch, tmp_path, 0, progress=True)
+
+    def test_a_task_knows_its_name(self, monkeypatch):
+        for name in ("SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID", "SLURM_ARRAY_TASK_ID"):
+            monkeypatch.delenv(name, raising=False)
+        assert slurm.this_task() is None
+        monkeypatch.setenv("SLURM_JOB_ID", "14")
+        assert slurm.this_task() == "14"
+        monkeypatch.setenv("SLURM_ARRAY_JOB_ID", "12")
+        monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "3")
+        assert slurm.this_task() == "12_3"

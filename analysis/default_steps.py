@@ -269,17 +269,17 @@ def draw(table: pd.DataFrame, left: str) -> "Figure":
                 colour = style.UNORDERED[number]
                 axis.loglog(
                     x, y, marker=style.MARKERS[number], linestyle=line, color=colour, label=name,
-                    markersize=4, linewidth=0.9, zorder=3,
+                    markersize=3, linewidth=0.9, zorder=3 + 0.1 * number,
                 )  # fmt: skip
-                if name == f"limit {STEP_ENERGY:g}":
+                if number == 0 and key == "loss_error":  # else one is upon another
                     for at, way in zip(zip(x, y, strict=True), ways, strict=True):
                         axis.annotate(
-                            f"{way.percent}", at, xytext=(-4, 0), textcoords="offset points",
-                            fontsize=6, color=colour, ha="right", va="center",
+                            f"{way.percent}", at, xytext=(5, 0), textcoords="offset points",
+                            fontsize=6, color=colour, va="center",
                         )  # fmt: skip
             own = table[of_way(table, DEFAULT)]
             axis.plot(
-                own["substeps"].mean(), own[key].quantile(0.95), "*", color="black", markersize=12,
+                own["substeps"].mean(), own[key].quantile(0.95), "*", color="black", markersize=9,
                 markerfacecolor="#F0E442", linestyle="none", label="default", zorder=5,
             )  # fmt: skip
             axis.axhline(TARGET, color="0.4", linewidth=0.8, linestyle=":", label="0.5 %")

@@ -388,6 +388,21 @@ def test_what_a_model_measures_is_averaged_over_the_runs_that_have_it():
     assert row["rattlers_ci_flag"] == "only 2 of 3 runs have a value; fewer than 10 replicates"
 
 
+def test_tables_of_very_many_columns_are_made_without_a_warning():
+    """Pandas complains of frames that grow column by column, from a hundred on."""
+    many = [Column(f"quantity_{number}", "1", "a number") for number in range(120)]
+    labels = {"point": ["1" * 16], "curve": ["2" * 16], "block": [""], "replicate": [0]}
+    planned = pd.DataFrame({"job": ["a"], "scene": pd.Categorical([""])} | labels)
+    index = pa.table({"job": ["a"]} | {f"measured.{c.name}": [1.5] for c in many})
+    measured = [(c, f"measured.{c.name}") for c in many]
+    runs = runs_table(
+        planned, index.to_pandas(), [], Waves(index, "periodic"), measured=measured
+    )
+    assert runs["quantity_119"].tolist() == [1.5]
+    points = means_table(planned, runs, [], many, seed=1)
+    assert points["quantity_119_mean"].tolist() == [1.5]
+
+
 def test_cycles_and_harmonics_have_a_row_each(tables, whole):
     runs, cycles, harmonics = (tables[name] for name in ("runs", "cycles", "harmonics"))
     assert len(cycles) == 3 * len(runs)

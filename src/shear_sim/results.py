@@ -294,6 +294,13 @@ class Results:
         return pa.table({n: pa.array([], t) for n, t in zip(STAMPED, types, strict=True)})
 
 
+def remove(folder: Path, names: Iterable[str], suffixes: Iterable[str]) -> None:
+    """Remove the files of these names, with each of the suffixes, that ``folder`` holds."""
+    for name in names:
+        for suffix in suffixes:
+            (folder / f"{name}{suffix}").unlink(missing_ok=True)
+
+
 def _warn(damaged: Mapping[str, str]) -> None:
     """Warn of damaged results, given by job id with what is wrong."""
     if damaged:

@@ -7,7 +7,7 @@ vertices and h = 0.05 R. The plastic one is compressed ever more slowly, by fact
 its force (averaged over Δε = 0.02) changes by less than 0.5 %.
 """
 
-import sys
+import argparse
 from typing import NamedTuple
 
 import matplotlib as mpl
@@ -252,13 +252,16 @@ def draw(path: str, runs: dict[str, Run]) -> None:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("figure")
+    given = parser.parse_args()
     runs = {"elastic": compress(0.5, 0.0025, 200, unload=True)}
     print("# A ring between two plates")
     elastic(runs["elastic"])
     runs["η = 1"] = core(1.0)
     runs["η = 100"] = core(100.0)
     runs["plastic"] = plastic()
-    draw(sys.argv[1], runs)
+    draw(given.figure, runs)
 
 
 if __name__ == "__main__":

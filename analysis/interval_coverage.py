@@ -1,13 +1,15 @@
 """How often the intervals and p-values of `shear-sim aggregate` are right, on made-up studies.
 
-.venv/bin/python analysis/interval_coverage.py      (1,000 paired studies, 200 independent ones)
+.venv/bin/python analysis/interval_coverage.py        (1,000 studies of each design and size)
 .venv/bin/python analysis/interval_coverage.py --studies 200      (noisier, in a fifth of the time)
 .venv/bin/python analysis/interval_coverage.py --each             (every interval, not only kinds)
 
 The packings of a made-up study scatter as real ones do: each has a plateau modulus, a strain at
 which friction gives way and one at which it yields, lognormal with a width of 0.3, and every
 modulus has noise of 10 % of its own. Three curves of eight amplitudes differ in a parameter x = 1,
-5, 100 (yield strain ~ x^0.2), a fourth differs from the first in nothing. What is true is read
+5, 100 (yield strain ~ x^0.2), a fourth differs from the first in nothing, and a fifth, of x = 2000,
+yields so near the largest amplitude that some resamples do not. Plain means, as in steady shear,
+are of lognormal values of widths 0.3 and 1 and of normal ones about zero. What is true is read
 from the mean of 400,000 packings by the same definitions. An interval covers if the truth lies in
 it; 95 % of them should.
 
@@ -18,7 +20,7 @@ In independent ones, each run has a packing of its own, as in the historical stu
 import argparse
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,7 @@ from shear_sim.aggregate.response import (
     contributions,
     curve_quantities,
 )
-from shear_sim.statistics import holm, intervals
+from shear_sim.statistics import holm, interval, intervals
 
 FloatArray = NDArray[np.float64]
 Key = tuple[str, str]  # kind of an interval, and which one
@@ -44,6 +46,7 @@ Outcomes = dict[Key, list[bool | None]]
 AMPLITUDES = np.array([0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
 OMEGA = np.full(len(AMPLITUDES), 100.0)
 X = (1.0, 5.0, 100.0)
+LATE = 2000.0  # x of the curve that yields near the end
 YIELD = 0.2  # exponent of the yield strain in x
 WIDTH, NOISE, HARMONIC_NOISE = 0.3, 0.1, 0.002
 REPLICATES = (6, 12, 20)
@@ -56,9 +59,11 @@ def against(values: str, effect: str, weights: Sequence[float]) -> Comparison:
 
 
 _ASIDE = np.log(X) - np.log(X).mean()
-#: Comparisons, and which of the four curves they compare.
+_PLAIN = np.array(X) - np.mean(X)
+#: Comparisons, and which of the curves they compare.
 COMPARISONS = {
     "exponents": (against("1; 5; 100", "exponent", _ASIDE / (_ASIDE @ _ASIDE)), (0, 1, 2)),
+    "slopes": (against("1; 5; 100", "slope", _PLAIN / (_PLAIN @ _PLAIN)), (0, 1, 2)),
     "ratios": (against("100; 1", "ratio", [1, -1]), (2, 0)),
     "ratios of equal curves": (against("1; 1", "ratio", [1, -1]), (3, 0)),
 }
@@ -69,6 +74,12 @@ RATIOS = {
     "stiffening_ratio",
     "thickening_ratio",
     "plastic_ratio",
+}
+#: Plain means: the true one, and how values are drawn.
+PLAIN_MEANS: dict[str, tuple[float, Callable[[np.random.Generator, int], FloatArray]]] = {
+    "lognormal, 0.3": (math.exp(0.045), lambda rng, n: rng.lognormal(0.0, 0.3, n)),
+    "lognormal, 1": (math.exp(0.5), lambda rng, n: rng.lognormal(0.0, 1.0, n)),
+    "normal about zero": (0.0, lambda rng, n: rng.normal(size=n)),
 }
 
 
@@ -86,7 +97,7 @@ def response(rng: np.random.Generator, of: FloatArray, amplitude: float, x: floa
 
 
 def made_up(rng: np.random.Generator, n: int, *, paired: bool) -> list[FloatArray]:
-    """Return the runs of the four curves of one made-up study, each (P, n, 21)."""
+    """Return the runs of the five curves of one made-up study, each (P, n, 21)."""
     shared = WIDTH * rng.normal(size=(n, 3))
     return [
         np.array(
@@ -95,7 +106,7 @@ def made_up(rng: np.random.Generator, n: int, *, paired: bool) -> list[FloatArra
                 for amplitude in AMPLITUDES
             ]
         )
-        for x in (*X, X[0])
+        for x in (*X, X[0], LATE)
     ]
 
 
@@ -109,7 +120,7 @@ def as_curve(runs: FloatArray) -> Curve:
 def truth(chunks: int = CHUNKS) -> dict[Key, float]:
     """Return the true value of everything that is estimated: that of the mean packing."""
     rng = np.random.default_rng(0)
-    sums = [np.zeros((len(AMPLITUDES), 21)) for _ in range(4)]
+    sums = [np.zeros((len(AMPLITUDES), 21)) for _ in range(5)]
     for _ in range(chunks):
         for total, runs in zip(sums, made_up(rng, CHUNK, paired=True), strict=True):
             total += runs.mean(axis=1) / chunks
@@ -122,7 +133,8 @@ def truth(chunks: int = CHUNKS) -> dict[Key, float]:
         curves.append(np.repeat(mean[:, None], 2, axis=1))
     for curve in curves:
         curve[:, :, [1, 3, 5, 7, 10, 12, 14, 16]] = 0.0  # even harmonics: nothing but noise
-    return {key: one[0] for key, one in estimates(curves, paired=True, seed=0).items()}
+    found = {key: one[0] for key, one in estimates(curves, paired=True, seed=0).items()}
+    return found | {("plain means", name): mean for name, (mean, _) in PLAIN_MEANS.items()}
 
 
 def estimates(
@@ -146,14 +158,20 @@ def estimates(
     for (quantity, amplitude), one in zip(names, flat, strict=True):
         kind = "means: ratios" if quantity in RATIOS else "means: G', G'' and other moduli"
         found[kind, f"{quantity} at {amplitude:g}"] = one.estimate, one.low, one.high, math.nan
-    of = as_curve(first)
-    landmarks = landmark_intervals(
-        of, Ensemble(of.points, paired=paired), seed=seed, resamples=resamples
-    )
-    for landmark, quantities in landmarks.items():
-        for quantity, one in quantities.items():
-            if (landmark, quantity) != ("low_strain_plateau", "strain"):  # no estimate
+    for runs, near_the_end in ((first, False), (curves[4], True)):
+        of = as_curve(runs)
+        landmarks = landmark_intervals(
+            of, Ensemble(of.points, paired=paired), seed=seed, resamples=resamples
+        )
+        for landmark, quantities in landmarks.items():
+            for quantity, one in quantities.items():
+                if (landmark, quantity) == ("low_strain_plateau", "strain"):  # no estimate
+                    continue
                 kind = f"landmarks: {'strains' if quantity == 'strain' else 'moduli there'}"
+                if near_the_end:
+                    if landmark != "yield":
+                        continue
+                    kind = "yield near the end (often percentile)"
                 key = kind, f"{quantity} at {landmark}"
                 found[key] = one.estimate, one.low, one.high, math.nan
     as_curves = [as_curve(runs) for runs in curves]
@@ -179,6 +197,10 @@ def simulate(
             if math.isfinite(value) and key in found:
                 _, low, high, _ = found[key]
                 outcomes[key].append(None if math.isnan(low) else low <= value <= high)
+        rng = np.random.default_rng([n, number, 2])
+        for name, (mean, draw) in PLAIN_MEANS.items():
+            one = interval(draw(rng, n), resamples=resamples, seed=number)
+            outcomes["plain means", name].append(one.low <= mean <= one.high)
         equal = [one[3] for (kind, _), one in found.items() if "equal" in kind]
         p_values.append(np.array(equal))
     return outcomes, p_values

@@ -17,6 +17,7 @@ from shear_sim.models.microgel.parameters import (
     Record,
 )
 from shear_sim.models.microgel.simulation import (
+    STEP_ENERGY,
     MicrogelSimulation,
     glue,
     kernels_for,
@@ -42,6 +43,8 @@ def constants(**changes):
     for name in ("k", "kt", "eta", "etat"):
         if name in changes:
             changes.setdefault(f"link_{name}", changes[name])
+    if "step_normal" in changes:
+        changes.setdefault("step_energy", STEP_ENERGY * changes["step_normal"])
     values = {
         "width": 500.0, "height": 500.0, "periodic": False,
         "k": 0.0, "kt": 0.0, "eta": 0.0, "etat": 0.0,
@@ -49,7 +52,7 @@ def constants(**changes):
         "friction": 0.0, "law": (0.0, 1.0, 1.0, 1.0), "may_pull": True, "stretched_dashpot": True,
         "plates": False, "contact_arms_in_velocity": True, "contact_arms_in_torque": True,
         "damping": 0.0, "spin_damping": 0.0, "spin_target": 0.0, "affine": True, "skin": 12.0,
-        "step_normal": 1e9, "step_normal_dashpot": 1e9, "step_rolling": 1e9,
+        "step_normal": 1e9, "step_energy": 1e9, "step_normal_dashpot": 1e9, "step_rolling": 1e9,
         "step_rolling_dashpot": 1e9, "step_approach": 0.2, "step_strain": 0.03,
     }  # fmt: skip
     assert changes.keys() <= values.keys(), changes.keys() - values.keys()

@@ -1,6 +1,8 @@
 """The accuracy report: orders, chaos, tables, figure, command."""
 
+import contextlib
 import math
+import re
 from fractions import Fraction
 
 import kelvin_voigt
@@ -16,6 +18,7 @@ from shear_sim.models.microgel.parameters import Links
 from shear_sim.models.microgel.prepared import PreparedMicrogel
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.results import ResultsError
+from shear_sim.screen import COMPILING
 from shear_sim.streams import Streams
 from shear_sim.study import Job, load_study
 from shear_sim.tables import read_table
@@ -32,10 +35,11 @@ replicates: 2
 """
 
 
-def job_of(amplitude, links=LOOSE, discs=20, **model):
+def job_of(amplitude, links=LOOSE, discs=20, relative_frequency=0.025, **model):
     shear = OscillatoryShear(
-        strain_amplitude=amplitude, pre_periods=0.2, periods=1, post_periods=0.2
-    )
+        strain_amplitude=amplitude, pre_periods=0.2, periods=1, post_periods=0.2,
+        relative_frequency=relative_frequency,
+    )  # fmt: skip
     return Job.create(packing_point(discs=discs, links=links, shear=shear, **model), 1, 0)
 
 
@@ -104,6 +108,16 @@ def test_one_run_of_the_ladder_is_the_job_itself(smooth):
     assert (own["scheme"], own["steps_per_period"]) == ("velocity_verlet", 100)
     assert own["substeps_per_step"] == 2
     assert own["cpu_per_period"] * 1.4 == pytest.approx(own["cpu_per_step"] * 280 / 1e6)
+
+
+def test_a_rung_with_the_substeps_of_a_finer_one_is_left_out(chaotic, smooth):
+    """Half the steps are cut into the same substeps, unless a step is one substep."""
+    assert [run["factor"] for run in chaotic.runs] == [1.0, 1.0]
+    job = job_of(0.01, Links(cut="bulk"), relative_frequency=1.0)
+    ladder, schemes = (Fraction(1, 2), Fraction(1)), ["velocity_verlet"]
+    found = accuracy.measure(job, ladder, schemes, reference=4, energy=False)
+    assert [run["factor"] for run in found.runs] == [0.5, 1.0]
+    assert sorted({run["factor"] for run in smooth.runs}) == [1.0, 2.0, 4.0, 8.0]
 
 
 @pytest.mark.parametrize(("factor", "steps"), [(Fraction(1, 2), 50), (Fraction(2), 200)])
@@ -175,7 +189,7 @@ def test_representative_points_are_far_from_each_other(study):
 
 def test_runs_table_has_units_and_is_read_back(smooth, chaotic, tmp_path):
     table = accuracy.runs_table([smooth, chaotic], ("shear.strain_amplitude",))
-    assert len(table) == 10 + 4
+    assert len(table) == 8 + 2
     assert (table["shear.strain_amplitude"].unique() == [0.01, 1.0]).all()
     accuracy_report.save(table, tmp_path / "accuracy")
     columns, _ = read_table(tmp_path / "accuracy.parquet")
@@ -194,6 +208,129 @@ def test_paired_differences_over_packings():
         mean = found[f"{name}_difference_mean"]
         assert abs(mean) < 1e-3
         assert found[f"{name}_difference_ci_low"] < mean < found[f"{name}_difference_ci_high"]
+
+
+MODULI = np.array([300.0, 40.0])  # G′, G″ [Pa]
+AMPLITUDE, PERIOD, STEPS = 0.02, 8.0, 40
+BIAS = {1: (0.03, -0.1), 2: (0.01, -0.03), 4: (0.004, 0.02)}  # of G′ and G″, by number of steps
+FAR = {1: 0.04, 2: 0.01}  # how far discs end from where they should, in mean radii
+
+
+class StandIn:
+    """A run of known stress: 0.5 periods of rest, 2 of shear, a sine with moduli that err."""
+
+    def __init__(self, factor, moduli, displacement=0.0, cost=lambda: None):
+        self.factor, self.displacement, self.cost = factor, displacement, cost
+        self.moduli = moduli * (1 + np.array(BIAS.get(factor, (0.0, 0.0))))
+        self.rows, self.done = round(2.5 * STEPS) + 1, 0
+
+    def advance(self, rows):
+        self.done = min(self.rows, self.done + rows)
+        self.cost()
+
+    def columns(self):
+        time = np.arange(self.rows) * PERIOD / STEPS
+        phase = 2 * np.pi * (time / PERIOD - 0.5)
+        strain = AMPLITUDE * np.where(phase >= 0, np.sin(phase), 0)
+        quarter = AMPLITUDE * np.where(phase >= 0, np.cos(phase), 0)
+        stress = self.moduli[0] * strain + self.moduli[1] * quarter
+        return {"time": time, "strain": strain, "periodic_overall_xy": -stress}
+
+    def summary(self):
+        protocol = {
+            "strain_amplitude": AMPLITUDE, "period": PERIOD, "shear_start": 0.5 * PERIOD,
+            "periods": 2, "end": 2.5 * PERIOD, "steps_per_period": round(STEPS * self.factor),
+        }  # fmt: skip
+        return {"protocol": protocol, "checks": {"steps": 100, "substeps": 300}}
+
+
+class StandInPacking:
+    """Runs that start from one packing, whose moduli are ``MODULI`` times ``size``."""
+
+    schemes, scheme = ("only",), "only"
+
+    def __init__(self, size=1.0, cost=lambda: None):
+        self.size, self.cost = size, cost
+
+    def allows(self, factor):
+        return factor >= 1
+
+    def start(self, scheme=None, *, factor=Fraction(1), displacement=0.0, energy=False):  # noqa: ARG002
+        assert scheme in {None, "only"}
+        return StandIn(factor, self.size * MODULI, displacement, self.cost)
+
+    def distance(self, one, other):
+        place = [
+            3 * run.displacement + FAR.get(run.factor, 0) * (1 if run.done == run.rows else 0.5)
+            for run in (one, other)
+        ]
+        return abs(place[0] - place[1])
+
+    def energy_residual(self, simulation):
+        return 0.125 / simulation.factor
+
+
+def stand_in_job():
+    point = kelvin_voigt.KelvinVoigtPoint(model={"kind": "kelvin_voigt"})
+    return Job.create(point, 1, 0)
+
+
+def test_every_number_of_the_report(monkeypatch):
+    """Against a stand-in whose moduli, places, energies and times are known."""
+    before = [0.0] * 8  # reference, own run and verdict
+    now, costs = [0.0], iter([*before, 0.05, 0.04, 0.06, 0.07, 0.0])
+
+    def cost():
+        now[0] += next(costs)
+
+    monkeypatch.setattr(accuracy, "process_time", lambda: now[0])
+    monkeypatch.setattr(accuracy, "prepare", lambda _: StandInPacking(cost=cost))
+    found = accuracy.measure(stand_in_job(), (Fraction(1),), reference=8)
+    [run] = found.runs
+    storage, loss = MODULI
+    magnitude = math.hypot(storage, loss)
+    assert run == {
+        "scheme": "only",
+        "steps_per_period": STEPS,
+        "factor": 1.0,
+        "own": True,
+        "substeps_per_step": 3.0,
+        "cpu_per_step": pytest.approx(1e6 * 0.04 / 300),  # the fastest of four: 0.22 s are enough
+        "cpu_per_period": pytest.approx(0.04 / 2.5),
+        "magnitude_error": pytest.approx(math.hypot(1.03 * storage, 0.9 * loss) / magnitude - 1),
+        "storage_error": pytest.approx(0.03),
+        "loss_error": pytest.approx(0.1),
+        "stress_error": pytest.approx(
+            math.hypot(0.03 * storage, 0.1 * loss) / math.sqrt(2) / magnitude
+        ),
+        "position_error": pytest.approx(0.04),
+        "energy_residual": 0.125,
+        "failed": None,
+    }
+    halved = math.hypot(0.01 * storage, 0.03 * loss) / math.hypot(0.03 * storage, 0.1 * loss)
+    assert found.verdict.verdict == "convergent"
+    assert found.verdict.halved_error == pytest.approx(halved)
+    assert found.verdict.step_error == pytest.approx(0.02)  # early, at half of its way
+    assert found.verdict.twins_round_off == pytest.approx(3.0, rel=1e-5)
+    assert found.verdict.twins_step_error == pytest.approx(3.0)
+
+
+def test_paired_differences_have_the_size_and_sign_of_the_bias(monkeypatch):
+    """Own steps minus finer ones, over the mean of the latter: packings of different moduli."""
+    sizes = np.array([1.0, 2.0, 0.5, 1.5])
+    monkeypatch.setattr(accuracy, "prepare", lambda job: StandInPacking(sizes[job.replicate]))
+    differences, failed = accuracy.paired_differences(stand_in_job(), len(sizes))
+    own, finer = (MODULI * (1 + np.array(BIAS[n])) for n in (1, 4))
+    expected = [math.hypot(*own) / math.hypot(*finer) - 1, own[1] / finer[1] - 1]
+    assert expected[0] > 0.02
+    assert expected[1] < -0.1
+    assert failed == 0
+    np.testing.assert_allclose(differences, np.outer(sizes / sizes.mean(), expected), rtol=1e-9)
+    found = accuracy.compare_packings(stand_in_job(), len(sizes))
+    for name, mean in zip(("magnitude", "loss"), expected, strict=True):
+        assert found[f"{name}_difference_mean"] == pytest.approx(mean)
+        low, high = (found[f"{name}_difference_ci_{end}"] for end in ("low", "high"))
+        assert low < mean < high
 
 
 def test_the_figure_shows_every_integrator_and_the_steps_of_the_study(smooth, chaotic):
@@ -219,16 +356,30 @@ def command(*arguments):
     return CliRunner().invoke(cli.app, ["accuracy", *map(str, arguments)])
 
 
-def test_command_writes_tables_and_figure(study, tmp_path):
+def test_command_writes_tables_and_figure(study, tmp_path, monkeypatch):
+
+    def compile_for(jobs, tell):
+        tell()  # before the jobs, and once more among them
+
+    @contextlib.contextmanager
+    def telling(tell):
+        tell()
+        yield
+
+    monkeypatch.setattr(accuracy_report, "compile_for", compile_for)
+    monkeypatch.setattr(accuracy_report, "telling", telling)
     shown = command(study.path, "--points", 2, "--packings", 2, "--results", tmp_path)
     assert shown.exit_code == 0, shown.output
     assert "2 of 12 jobs, against 32 times finer steps" in shown.output
     assert "1 convergent, 1 chaotic" in shown.output
     assert "(2 pairs)" in shown.output
+    assert "\n1 of 2: job " in shown.output
+    assert re.search(r"\n2 of 2 \(about \d+ s to go\): job ", shown.output)
+    assert shown.output.count(COMPILING) == 1
     folder = tmp_path / "small"
     assert (folder / "figures/accuracy.png").stat().st_size > 10_000
     runs = read_table(folder / "tables/accuracy.parquet").columns
-    assert len(runs["job"]) == 20
+    assert len(runs["job"]) == 16
     pairs = read_table(folder / "tables/accuracy_pairs.parquet").columns
     assert pairs["packings"].tolist() == [2]
 
@@ -237,7 +388,7 @@ def test_command_measures_one_job(study, tmp_path):
     job = study.jobs()[0].id
     shown = command(study.path, "--job", job[:8], "--packings", 0, "--results", tmp_path)
     assert shown.exit_code == 0, shown.output
-    assert f"job {job}: " in shown.output
+    assert f"\n1 of 1: job {job}, replicate " in shown.output
 
 
 def test_command_fails_with_its_jobs(study, tmp_path, monkeypatch):

@@ -37,13 +37,18 @@ POINTS = {
         "shear": STEADY,
         "integrator": {"scheme": "time_steps", "strain_step": 0.005},
     },
+    "soft particle: plastic ring": {
+        "packing": {"vertices": 40},
+        "model": {"kind": "soft_particle", "yield_moment": 0.02},
+        "shear": {"kind": "diametral_compression", "compression": 0.2, "relative_rate": 0.0025},
+    },
 }
 HARD = {"packing": {"discs": 24, "packing_fraction": 0.76}, "model": {"kind": "hard_disc"}}
 
 
 def make_job(name="hard discs: steady"):
-    kind = "hard_disc" if name.startswith("hard") else "microgel"
-    data = POINTS[name] if kind == "microgel" else {**HARD, **POINTS[name]}
+    data = {**HARD, **POINTS[name]} if name.startswith("hard") else POINTS[name]
+    kind = data["model"].get("kind", "microgel")
     point = models.model(kind).POINT.model_validate(data)
     return Job.create(point, seed=3, replicate=1)
 

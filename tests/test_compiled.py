@@ -2,10 +2,12 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
+from tools import start, write_study
 
 import shear_sim
 from shear_sim import compiled
@@ -123,3 +125,54 @@ def test_old_folders_of_this_install_only_are_pruned(tmp_path):
     compiled._prune(current)
     assert all(path.exists() for path in [*kept, other, current])
     assert not any(path.exists() for path in old)
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty cache folder."""
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path)
+    return tmp_path
+
+
+class TestCompiling:
+    """One process compiles, the others wait for it as long as it lives."""
+
+    def test_the_second_waits_for_the_first_and_then_nobody_waits(self, cache):
+        order = []
+
+        def second():
+            with compiled.compiling("kernels"):
+                order.append("second")
+
+        with compiled.compiling("kernels"):
+            other = threading.Thread(target=second)
+            other.start()
+            time.sleep(1.5)  # longer than between two renewals
+            order.append("first")
+        other.join()
+        assert order == ["first", "second"]
+        assert [path.suffix for path in cache.glob("kernels.*")] == [".compiled"]
+
+    def test_a_dead_process_holds_nothing(self, cache, monkeypatch):
+        monkeypatch.setattr(compiled, "STALE_SECONDS", 0.5)
+        lease = cache / "kernels.compiling"
+        lease.touch()
+        began = time.monotonic()
+        with compiled.compiling("kernels"):
+            assert time.monotonic() > began + 0.5
+        assert not lease.exists()
+
+    def test_a_failed_compilation_is_tried_by_the_next(self, cache):
+        with pytest.raises(ZeroDivisionError), compiled.compiling("kernels"):
+            raise ZeroDivisionError
+        assert list(cache.glob("kernels.*")) == []
+
+
+def test_two_sweeps_at_once_compile_once(tmp_path, environment):
+    environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
+    study = write_study(tmp_path)
+    given = ("sweep", study, "--jobs", 1, "--results")
+    both = [start(environment, *given, tmp_path / name) for name in "ab"]
+    shown = [process.communicate(timeout=120)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0], shown
+    assert "".join(shown).count("compiling the kernels") == 1

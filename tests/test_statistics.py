@@ -93,7 +93,7 @@ def test_equal_replicates_give_zero_width_and_a_flag_and_no_warning(n, value):
     found = interval([value] * n, seed=1)
     assert found.low == found.high == found.estimate == pytest.approx(value, rel=1e-15)
     assert (found.method, found.flag) == ("equal", "all replicates are equal")
-    assert found.p_value(null=1.0) == 0.0
+    assert math.isnan(found.p_value(null=1.0))  # nothing scatters: there is no test
     assert found.p_value(null=found.estimate) == 1.0
 
 
@@ -180,6 +180,14 @@ def test_p_values_are_those_of_student():
     assert found.p_value() == pytest.approx(2 * min(expected.cdf(0), expected.sf(0)), rel=1e-9)
     assert found.method == "t"  # of the smaller group
     assert (found.low, found.high) == pytest.approx(expected.interval(0.95), rel=1e-9)
+
+
+def test_p_values_know_of_values_that_jump():
+    """1 where 12 or more of 16 coins show heads: leaving one of 8 and 8 out never decides that."""
+    values = np.array([0.0] * 8 + [1.0] * 8)
+    [found] = intervals(lambda c: np.where(mean(values)(c) > 0.7, 1.0, 0.0), [16], seed=1)
+    share = stats.binom(16, 0.5).sf(11)
+    assert found.error == pytest.approx(np.sqrt(share * (1 - share)), abs=0.03)
 
 
 def test_holm():

@@ -236,7 +236,8 @@ def measure(
         With a whole period of oscillation or more.
     ladder : sequence of Fraction
         Steps per period relative to the job's own. Rungs at which the protocol has no whole steps,
-        or too few records for its moduli, are left out.
+        or too few records for its moduli, are left out, and so are those of as many substeps as a
+        finer one, which are the same motion with fewer records.
     schemes : sequence of str, optional
         Integrators; default: all of the model.
     reference : int
@@ -262,7 +263,22 @@ def measure(
         if prepared.allows(factor) and (factor >= 1 or own * factor >= RECORDS)
     ]
     runs = [_rung(prepared, fine, *rung, energy=energy) for rung in rungs]
-    return Measured(job, runs, verdict)
+    return Measured(job, [run for run in runs if not _repeats(run, runs)], verdict)
+
+
+def _repeats(run: dict[str, Any], runs: Sequence[dict[str, Any]]) -> bool:
+    """Tell whether a run makes the same substeps as one with more records."""
+
+    def substeps(of: dict[str, Any]) -> int | None:  # per period
+        per_step = of["substeps_per_step"]
+        return None if per_step is None else round(per_step * of["steps_per_period"])
+
+    return any(
+        other["scheme"] == run["scheme"]
+        and other["factor"] > run["factor"]
+        and substeps(other) == substeps(run) is not None
+        for other in runs
+    )
 
 
 class Reference:

@@ -1,6 +1,7 @@
 """The report of `shear-sim accuracy`: what is measured, on the screen, as tables, as a figure."""
 
 from collections.abc import Callable, Sequence
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,14 +84,20 @@ def report(
     """
     jobs = accuracy.choose(study, points, replicates) if job is None else [_named(study, job)]
     results.prepare(study)
+    tell = _once(tell)
     compile_for(jobs, tell)
     measured, pairs = [], {}
     say(f"{len(jobs)} of {len(study.jobs())} jobs, against {accuracy.REFERENCE} times finer steps")
     with telling(tell):
-        for each in jobs:
+        began = monotonic()
+        for number, each in enumerate(jobs):
+            what = accuracy.describe_point(each, study.varied)
+            to_go = _to_go(began, number, len(jobs))
+            say(f"\n{number + 1} of {len(jobs)}{to_go}: job {each.id}, replicate {each.replicate}")
+            say(f"  {what}")
             found = accuracy.measure(each)
             measured.append(found)
-            for line in _lines(found, study.varied):
+            for line in _lines(found):
                 say(line)
         undecided = accuracy.representative(measured) if packings else []
         if undecided:
@@ -98,9 +105,13 @@ def report(
                 f"\nmean paired differences over {packings} packings, own steps against "
                 f"{accuracy.PAIRED} times finer ones:"
             )
-        for found in undecided:
+        began = monotonic()
+        for number, found in enumerate(undecided):
+            what = accuracy.describe_point(found.job, study.varied)
+            say(
+                f"  {number + 1} of {len(undecided)}{_to_go(began, number, len(undecided))}: {what}"
+            )
             pairs[found.job.id] = accuracy.compare_packings(found.job, packings)
-            say(f"  {accuracy.describe_point(found.job, study.varied)}")
             say(f"    {describe_pairs(pairs[found.job.id])}")
     runs = accuracy.runs_table(measured, study.varied)
     for line in _summary(measured, runs):
@@ -108,6 +119,26 @@ def report(
     written = _write(results, runs, undecided, list(pairs.values()), study.varied)
     say(f"written: {', '.join(written)}")
     return sum(found.failure is not None for found in measured)
+
+
+def _once(tell: Callable[[], None]) -> Callable[[], None]:
+    """Return a function that calls ``tell`` the first time only."""
+    told: list[bool] = []
+
+    def first() -> None:
+        if not told:
+            told.append(True)
+            tell()
+
+    return first
+
+
+def _to_go(began: float, done: int, of: int) -> str:
+    """Return how long the rest takes if it is as long as what is done; nothing before the first."""
+    if not done:
+        return ""
+    seconds = (monotonic() - began) / done * (of - done)
+    return f" (about {seconds:.0f} s to go)" if seconds < 90 else f" (about {seconds / 60:.0f} min)"
 
 
 def _named(study: "Study", reference: str) -> "Job":
@@ -139,14 +170,11 @@ def _write(
     return written
 
 
-def _lines(measured: Measured, varied: Sequence[str]) -> list[str]:
-    """Return what the screen shows of one job."""
-    job = measured.job
-    what = accuracy.describe_point(job, varied)
-    lines = [f"\njob {job.id}: {what}, replicate {job.replicate}"]
+def _lines(measured: Measured) -> list[str]:
+    """Return what the screen shows of the runs of one job."""
     if measured.failure is not None:
-        return [*lines, f"  failed: {measured.failure}"]
-    lines += [f"  {measured.verdict}", "", _HEADING]
+        return [f"  failed: {measured.failure}"]
+    lines = [f"  {measured.verdict}", "", _HEADING]
     for run in measured.runs:
         name = f"  {run['scheme']:<19}{run['steps_per_period']:>8}"
         if run["failed"] is not None:

@@ -14,10 +14,11 @@ import platform
 import shutil
 import sys
 import tempfile
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -28,6 +29,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 CACHE_VARIABLE = "SHEAR_SIM_CACHE"
 KEPT_FOLDERS = 8  # of one install; a developer's edit makes a new one each time
+STALE_SECONDS = 15.0  # without a sign of the process that compiles
 KEPT_SECONDS = 86_400.0  # a folder used within a day is never removed
 
 _PACKAGE = Path(__file__).parent
@@ -92,6 +94,56 @@ def cache_folder(extra: str = "") -> Path:
         folder = _temporary_root(error) / name
         _make(folder / extra)
     return folder / extra
+
+
+@contextmanager
+def compiling(what: str) -> Iterator[None]:
+    """Let one process compile ``what``, into this context; others wait here, and then load it.
+
+    The process that compiles renews a file every second. One that nobody has renewed for a while
+    belongs to a dead process, and the next one takes over: nothing is locked. Once ``what`` has
+    been compiled nobody waits any more.
+    """
+    folder = cache_folder()
+    done, lease = folder / f"{what}.compiled", folder / f"{what}.compiling"
+    if not _take(lease, done):
+        yield
+        return
+    ended = threading.Event()
+    renewing = threading.Thread(target=_renew, args=(lease, ended), daemon=True)
+    renewing.start()
+    try:
+        yield
+        done.touch()
+    finally:
+        ended.set()
+        renewing.join()
+        lease.unlink(missing_ok=True)
+
+
+def _take(lease: Path, done: Path) -> bool:
+    """Wait until ``done`` is there, or ``lease`` is ours; return whether it is."""
+    seen, since = 0, time.monotonic()
+    while not done.exists():
+        try:
+            lease.touch(exist_ok=False)
+        except FileExistsError:
+            with suppress(FileNotFoundError):
+                # Whether it changes, not how old it is: clocks of two machines may differ.
+                if (now := lease.stat().st_mtime_ns) != seen:
+                    seen, since = now, time.monotonic()
+                elif time.monotonic() > since + STALE_SECONDS:
+                    lease.unlink(missing_ok=True)
+            time.sleep(0.2)
+        else:
+            return True
+    return False
+
+
+def _renew(lease: Path, ended: threading.Event) -> None:
+    while not ended.wait(1.0):
+        with suppress(OSError):  # taken over by somebody who thought that we were dead
+            os.utime(lease)
 
 
 def _root() -> Path:

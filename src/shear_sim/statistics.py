@@ -29,6 +29,9 @@ RESAMPLES = 2999  # 2,000 or more keep the noise of the bounds at 3 % of their d
 #: Below this no bootstrap knows the tails: at 6 replicates of a lognormal it covers 85 % for 95 %.
 SMALLEST_BOOTSTRAP = 10
 
+#: Below this not even Student's t bounds much: its quantiles are 12.7 and 4.3, against 2.0.
+FEWEST = 4
+
 _ROUNDING = 1e-12  # relative spread of resamples that is rounding, not scatter
 
 
@@ -41,8 +44,8 @@ class Interval:
     same for the logarithm of the estimate), ``equal`` (no resample differs: no width) or ``none``
     (bounds are nan). ``n`` is the number of replicates, the smallest of all groups. ``flag`` says
     what weakens the interval, or is None. ``undefined`` is the fraction of resamples in which the
-    value does not exist or lies beyond what was measured. ``error`` is the jackknife's standard
-    error.
+    value does not exist or lies beyond what was measured. ``error`` is the standard error: the
+    jackknife's, or the scatter of the resamples where that is larger.
     """
 
     estimate: float
@@ -55,19 +58,20 @@ class Interval:
     error: float = math.nan
 
     def p_value(self, null: float = 0.0) -> float:
-        """Return the two-sided p-value of ``null`` by Student's t with the jackknife's error.
+        """Return the two-sided p-value of ``null`` by Student's t with the standard error.
 
         Not by turning the bootstrap round: a dozen replicates say nothing of its far tails, and
         those are what a correction for many tests asks for. The degrees of freedom are those of the
         smallest group: an effective number for all groups together (Welch's) is too large where
-        the value hangs on few of them.
+        the value hangs on few of them. Replicates without any scatter allow no test: nan, or 1
+        where they are the null.
         """
         from scipy.special import stdtr
 
         if not math.isfinite(self.error):
             return math.nan
         if self.error == 0.0:
-            return 1.0 if self.estimate == null else 0.0
+            return 1.0 if self.estimate == null else math.nan
         return float(2.0 * stdtr(self.n - 1, -abs(self.estimate - null) / self.error))
 
 
@@ -162,7 +166,9 @@ def intervals(
     if counted < SMALLEST_BOOTSTRAP:
         found = _student(estimate, one_out, sizes, counted, positive, level)
     else:
-        found = _bootstrap(statistic, sizes, counted, estimate, level, resamples, seed)
+        found, scatter = _bootstrap(statistic, sizes, counted, estimate, level, resamples, seed)
+        # Leaving one out is too small a step to see a landmark jump from one amplitude to another.
+        errors = np.maximum(errors, scatter)
     return [
         # Equal replicates differ by rounding at most, and that is no error.
         Interval(*f, error=0.0 if f[3] == "equal" else float(e))
@@ -217,6 +223,8 @@ def _student(
     log_errors = _jackknife_error(np.split(np.log(usable), splits, axis=1)[1:], sizes)
     quantile = float(stdtrit(counted - 1, 0.5 + level / 2))
     few = f"fewer than {SMALLEST_BOOTSTRAP} replicates"
+    if counted < FEWEST:
+        few = f"fewer than {FEWEST} replicates: no more than a guess"
     found: list[_Found] = []
     for q, value in enumerate(estimate.tolist()):
         if not finite[q]:
@@ -246,7 +254,8 @@ def _bootstrap(
     level: float,
     resamples: int,
     seed: int,
-) -> list[_Found]:
+) -> tuple[list[_Found], FloatArray]:
+    """Return what is found, and the standard deviations (Q,) of the finite resampled values."""
     from scipy import stats
 
     def of_picks(*picks: NDArray[np.intp], axis: int) -> FloatArray:
@@ -297,7 +306,16 @@ def _bootstrap(
         ends = [(1 - level) / 2, (1 + level) / 2]
         low, high = np.quantile(known, ends, method="inverted_cdf").tolist()
         found.append((value, low, high, "percentile", counted, why, undefined))
-    return found
+    return found, _scatter(drawn, finite)
+
+
+def _scatter(drawn: FloatArray, finite: NDArray[np.bool_]) -> FloatArray:
+    """Return the standard deviations (Q,) of the finite ones of (Q, K) resampled values."""
+    count = np.maximum(finite.sum(axis=1, keepdims=True), 1)
+    values = np.where(finite, drawn, 0.0)
+    aside = np.where(finite, values - values.sum(axis=1, keepdims=True) / count, 0.0)
+    scatter: FloatArray = np.sqrt((aside**2).sum(axis=1) / count[:, 0])
+    return scatter
 
 
 def _counts(picks: NDArray[np.intp], size: int) -> FloatArray:

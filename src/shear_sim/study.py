@@ -182,6 +182,11 @@ class Study:
     varied: tuple[str, ...]
     files: tuple[Path, ...] = ()
 
+    @property
+    def kernels(self) -> str:
+        """A name for all compiled code that the points of this study need."""
+        return hashlib.sha256("".join(point.id for point in self.points).encode()).hexdigest()[:16]
+
     def jobs(self) -> list[Job]:
         """Return all jobs, sorted by id."""
         return sorted(

@@ -159,7 +159,7 @@ class _Sweep:
         self.screen.update(ended, len(self.failed), total, left)
 
     def _new_workers(self) -> Workers:
-        return Workers(self.plan.run, self.plan.results.jobs, self.log)
+        return Workers(self.plan.run, self.plan.study.kernels, self.plan.results.jobs, self.log)
 
     def _take(self, event: Event) -> None:
         match event:

@@ -25,6 +25,7 @@ from types import FrameType
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from shear_sim import models
+from shear_sim.compiled import compiling
 from shear_sim.results import Failure
 
 if TYPE_CHECKING:
@@ -94,8 +95,11 @@ Event = Compiling | Ready | Unprepared | Outcome | Died | ServerDied
 class Workers:
     """The supervisor's side: hands jobs to workers and tells what has become of them."""
 
-    def __init__(self, jobs: Sequence["Job"], folder: Path, log: IO[bytes]) -> None:
-        """Start the server, which compiles for ``jobs`` and writes results to ``folder``."""
+    def __init__(self, jobs: Sequence["Job"], kernels: str, folder: Path, log: IO[bytes]) -> None:
+        """Start the server, which compiles for ``jobs`` and writes results to ``folder``.
+
+        Of all servers at once with the same ``kernels`` only one compiles.
+        """
         self._socket, theirs = socket.socketpair()
         self._link = Connection(os.dup(self._socket.fileno()))
         self._channels: dict[int, Connection] = {}
@@ -115,7 +119,7 @@ class Workers:
                 stderr=log,
             )
         with contextlib.suppress(BrokenPipeError):  # it has died already: events() will tell
-            self._link.send((os.getpid(), list(jobs), folder))
+            self._link.send((os.getpid(), list(jobs), kernels, folder))
 
     def add(self) -> int:
         """Start one more worker and return its number."""
@@ -192,11 +196,11 @@ def serve(descriptor: int) -> None:
         signal.signal(number, signal.SIG_IGN)
     control = socket.socket(fileno=descriptor)
     link = Connection(os.dup(descriptor))
-    supervisor, jobs, folder = link.recv()
+    supervisor, jobs, kernels, folder = link.recv()
     _die_with(supervisor)
     faulthandler.enable()  # a crash in compiled code leaves its Python traceback in the log
     try:
-        _prepare(jobs, link)
+        _prepare(jobs, kernels, link)
     except Exception as error:  # whatever it is, the supervisor tells the user
         link.send(Unprepared(f"{type(error).__name__}: {error}", traceback.format_exc()))
         return
@@ -244,7 +248,7 @@ def _die_with(parent: int) -> None:
         os._exit(1)
 
 
-def _prepare(jobs: Sequence["Job"], link: Connection) -> None:
+def _prepare(jobs: Sequence["Job"], kernels: str, link: Connection) -> None:
     """Import what a job needs and compile what its kernels need, once for all workers."""
     import pyarrow as pa
     from pyarrow import parquet  # noqa: F401 - imported here, workers inherit it
@@ -254,7 +258,8 @@ def _prepare(jobs: Sequence["Job"], link: Connection) -> None:
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
     runner.environment()
-    compile_for(jobs, lambda: link.send(Compiling()))
+    with compiling(kernels):
+        compile_for(jobs, lambda: link.send(Compiling()))
 
 
 def compile_for(jobs: Sequence["Job"], tell: Callable[[], None]) -> None:

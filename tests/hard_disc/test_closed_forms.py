@@ -66,6 +66,18 @@ def test_head_on():
     assert f.set.phi == pytest.approx([1.0], abs=1e-12)
 
 
+def test_a_contact_opens_and_forms_again_at_once():
+    """Pulled apart and pushed together at one instant, it bears what it bore, and nobody moved."""
+    f = flow([(5, 5), (6, 5)], 0.5, velocity=[(1, 0), (-1, 0)])
+    together = f.drive
+    f.steer(together._replace(drift=-together.drift))
+    assert len(f.set.pairs) == 0
+    f.steer(together)
+    assert f.set.phi == pytest.approx([1.0], abs=1e-15)
+    f.advance(1.0)
+    assert f.x == pytest.approx([5, 6], abs=1e-13)
+
+
 def test_an_immobile_disc_stops_a_row():
     f = flow([(5, 5), (6.5, 5), (8, 5)], 0.5, mobility=[1, 1, 0], velocity=[(1, 0), (0, 0), (0, 0)])
     f.advance(3.0)
@@ -142,9 +154,10 @@ def test_stop_and_restart():
     assert f.set.phi == pytest.approx(phi, rel=1e-12, abs=1e-12 * phi.max())
 
 
-def test_reversal_gives_the_forces_of_the_reversed_problem_at_once():
-    f = packed_flow(shear=1)
-    f.advance(0.4)
+@pytest.mark.parametrize(("discs", "strain"), [(32, 0.4), (256, 0.1)])
+def test_reversal_gives_the_forces_of_the_reversed_problem_at_once(discs, strain):
+    f = packed_flow(discs, shear=1)
+    f.advance(strain)
     touching = np.flatnonzero(f.gap < f.touch)
     f.turn(f.drive._replace(shear=-1.0))
     now = f.instant()

@@ -42,6 +42,20 @@ def test_bonds_pull_and_push():
     assert sorted(f.set.phi) == pytest.approx([-2.0, -1.0])
 
 
+def test_a_chain_folds_until_it_touches_itself():
+    """Its ends pushed together, it ends as an equilateral triangle at rest."""
+    f = flow(
+        [(5 - np.cos(0.1), 5 + np.sin(0.1)), (5, 5), (5 + np.cos(0.1), 5 + np.sin(0.1))],
+        0.5, bonds=[(0, 1), (1, 2)], velocity=[(1, 0), (0, 0), (-1, 0)],
+    )  # fmt: skip
+    f.advance(20.0)
+    assert f.x[2] - f.x[0] == pytest.approx(1.0, abs=1e-12)
+    assert f.y[0] - f.y[1] == pytest.approx(np.sqrt(0.75), abs=1e-11)
+    assert f.counts.collisions == 1
+    assert len(f.set.pairs) == 3
+    assert np.abs(f.set.velocities(f.instant())).max() < 1e-9
+
+
 def test_a_rigid_triple_turns_with_the_flow():
     """In simple shear a body of equal beads at the corners of a triangle turns by −γ/2.
 

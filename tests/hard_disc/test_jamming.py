@@ -86,6 +86,18 @@ def test_a_square_of_four_jams_where_geometry_says():
     assert found["unbalanced_force"] < 1e-12
 
 
+def test_a_cage_of_immobile_discs_jams_the_one_inside():
+    """Three that go with the flow close on one: jammed at distance 1, N_c = 2 N̄ + 1 = 3."""
+    angles = np.array([0.3, 2.1, 4.4])
+    cage = 10 + 1.3 * np.column_stack([np.cos(angles), np.sin(angles)])
+    f = flow([(10, 10), *cage], 0.5, mobility=[1, 0, 0, 0], compression=1)
+    found = jam(f)
+    assert is_proof(found)
+    assert found["isostatic"]
+    assert (found["contacts"], found["discs"], found["rattlers"]) == (3, 1, [])
+    assert f.path == pytest.approx(np.log(1.3), rel=1e-12)
+
+
 def test_discs_with_fewer_than_three_contacts_do_not_count():
     """A chain hangs on a tetrahedron's graph: pruned one by one."""
     i = np.array([0, 0, 0, 1, 1, 2, 3, 4])

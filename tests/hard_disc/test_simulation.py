@@ -109,6 +109,21 @@ def test_a_job_through_the_runner(tmp_path):
     assert measured["viscous_number"] * measured["scaled_pressure"] == pytest.approx(1)
 
 
+def test_arrest_says_where_and_why_and_keeps_its_records(monkeypatch):
+    """No step is accurate enough here: what was recorded before stays, and is no verdict."""
+    run = hard_disc.start(point(shear=STEADY), Streams(3, 0))
+    run.advance(100)
+    monkeypatch.setattr("shear_sim.models.hard_disc.flow.MOST_DRIFT", 0.0)
+    run.advance(1000)
+    summary = run.summary()
+    assert summary["status"] == "arrested"
+    assert summary["stopped"].startswith("arrested at path 0.")
+    assert "contacts opened by" in summary["stopped"]
+    assert summary["flags"]["stopped_early"]
+    assert 100 <= run.done == run.rows < 401
+    assert len(run.columns()["time"]) == run.done
+
+
 def test_too_dense_a_start_says_so():
     given = point(packing={"packing_fraction": 0.9, "attempts": 2})
     with pytest.raises(SimulationError, match="no overlap-free start after 2 attempts"):

@@ -96,6 +96,24 @@ def test_a_fast_collision_is_resolved(energy, way):
     assert s.discs.cx == pytest.approx([way * speed, -way * speed], rel=0.01)
 
 
+@pytest.mark.parametrize(("energy", "deep"), [(1.3, False), (1.5, True)])
+def test_the_deepest_overlap_of_a_run_is_kept(energy, deep):
+    """It takes ln(D/d) − 1 + d/D in units of k D²: 1.4 at a tenth of the contact distance."""
+    speed = 2.0 * np.sqrt(energy)
+    s = scene(
+        [(100.0, 100.0), (102.2, 100.0)], 1.0, velocity=np.array([(speed, 0.0), (-speed, 0.0)]),
+        k=1.0, step_normal=2 / np.sqrt(6), step=0.01, steps=200,
+        strain_rate=1e-9,
+    )  # fmt: skip
+    s.constants = s.constants._replace(law=(1.0, 1.0, 1.0, 1.0))  # divergent
+    s.advance(s.rows)
+    assert s.work.closest[0] == 1  # apart again
+    summary = s.summary()
+    d = summary["checks"]["closest"]
+    assert np.log(1 / d) - 1 + d == pytest.approx(energy, rel=2e-3)
+    assert summary["flags"]["deep_overlap"] is deep
+
+
 @pytest.mark.parametrize("law", [DivergentLaw(), PlateauLaw(kind="plateau")])
 def test_the_energy_of_a_compressed_contact(law):
     """The kernels' quadrature against an adaptive one, down to a fiftieth of the contact distance.

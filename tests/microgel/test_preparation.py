@@ -33,7 +33,7 @@ constants = make_constants(MicrogelPoint(), discs, 9.0, 9.0, 1.0)._replace(
 )
 work = make_work(2)
 work.closest[0] = 0.5
-print(kernels_for(law, True).substep(constants, work, 2.0, 0.0) / constants.step_normal)
+print(kernels_for(law, True).substep(constants, work, 2.0, 0.0) / constants.step_energy)
 """
 
 
@@ -50,7 +50,7 @@ def test_a_users_law_can_be_loaded_from_the_cache(tmp_path_factory, cached):
             env={**os.environ, "SHEAR_SIM_CACHE": str(folder)},
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[-500:]
-        assert float(done.stdout) == pytest.approx(0.5 / 2, rel=1e-3)
+        assert float(done.stdout) == pytest.approx(1 / 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("discs", [20, 61])

@@ -1,8 +1,11 @@
 """Records, whole steps, and blocks: what is imposed, and that nobody's block size changes it."""
 
+import math
+import re
+
 import numpy as np
 import pytest
-from scenes import finish, packing_point, prepared, steady
+from scenes import finish, packing_point, prepared, scene, steady
 
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel.parameters import Links
@@ -162,9 +165,32 @@ def test_a_step_that_cannot_be_cut_small_enough_is_said():
         finish(simulation)
     assert simulation.done == 1
     simulation = prepared(packing_point(discs=20))
-    stiff = simulation.constants.step_normal / 1e5
-    simulation.constants = simulation.constants._replace(step_normal=stiff)
+    stiff = simulation.constants.step_energy / 1e5
+    simulation.constants = simulation.constants._replace(step_energy=stiff)
     with pytest.raises(
         SimulationError, match=r"discs \d+ and \d+, at 0\.\d+ of their contact distance, need"
     ):
         finish(simulation)
+
+
+def test_the_discs_that_stop_a_run_are_named_where_they_are():
+    """Two discs across an edge of the cell, in the middle of a step when they are too close.
+
+    The image of disc 1 is 1.2 higher and 0.9 − 1.2 γ to the left: 0.72 of it at 0.7 of the contact
+    distance of 2, in the second step of 0.12 of strain, which moves the image by 2.4 in the cell.
+    """
+    s = scene(
+        [(10.0, 19.4), (9.1, 0.6)], 1.0, step=1.0, steps=4, strain_rate=0.12, width=20.0,
+        height=20.0, periodic=True, skin=0.5, k=1e-9, step_energy=1 / (0.7 * 4096),
+    )  # fmt: skip
+    s.constants = s.constants._replace(law=(1.0, 1.0, 1.0, 1.0))  # its tangent grows as (D/d)²
+    strain = (0.9 - math.sqrt(1.4**2 - 1.2**2)) / 1.2
+    with pytest.raises(SimulationError) as failure:
+        s.advance(s.rows)
+    said = re.search(
+        r"discs (\d+) and (\d+), at (\S+) of .* at t = (\S+) s \(strain (\S+)\)",
+        str(failure.value),
+    )
+    assert said.group(1, 2) == ("0", "1")
+    found = [float(text) for text in said.group(3, 4, 5)]
+    assert found == pytest.approx([0.7, strain / 0.12, strain], rel=2e-3)

@@ -35,8 +35,8 @@ def constants_of(meta):
         may_pull=True, stretched_dashpot=False, plates=False,
         contact_arms_in_velocity=False, contact_arms_in_torque=True,
         damping=0.0, spin_damping=0.0, spin_target=0.0, affine=True, skin=1.0,
-        step_normal=1.0, step_normal_dashpot=1.0, step_rolling=1.0, step_rolling_dashpot=1.0,
-        step_approach=1.0, step_strain=1.0,
+        step_normal=1.0, step_energy=1.0, step_normal_dashpot=1.0, step_rolling=1.0,
+        step_rolling_dashpot=1.0, step_approach=1.0, step_strain=1.0,
     )  # fmt: skip
 
 

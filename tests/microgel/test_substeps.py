@@ -9,7 +9,7 @@ from scenes import finish, packing_point, prepared, scene
 from shear_sim.models.microgel.parameters import Integrator, Links, Microgel, MicrogelPoint
 from shear_sim.models.microgel.simulation import kernels_for, laws, prepare
 from shear_sim.packing import Packing
-from shear_sim.protocol import OscillatoryShear
+from shear_sim.protocol import OscillatoryShear, SteadyShear
 from shear_sim.streams import Streams
 
 STABLE = kernels_for(laws.divergent, True).stable
@@ -97,3 +97,66 @@ def test_default_steps_are_as_short_as_the_period_or_the_discs_need(frequency, s
     point = MicrogelPoint(shear=OscillatoryShear(relative_frequency=frequency))
     assert point.steps_per_period == steps
     assert point.refinement == 1
+
+
+RATIO = math.sqrt(6)  # ω √(m/k) of discs with six touching neighbours; their rolling: twice that
+
+
+@pytest.mark.parametrize(
+    ("friction", "viscosity", "limit"),
+    [
+        (0.0, 0.0, 1 / RATIO),
+        (1.0, 0.0, 0.75 / RATIO),
+        (0.0, 1.0, 2 / (8 + math.sqrt(8**2 + 4 * RATIO**2 / 4))),
+        (1.0, 1.0, 2 / (24 + math.sqrt(24**2 + 4 * RATIO**2))),
+    ],
+    ids=["springs", "rolling", "dashpots", "dashpots of rolling"],
+)
+def test_the_longest_substep_of_springs_and_dashpots(friction, viscosity, limit):
+    """In τ: half and three quarters of the stable step of springs, all of that with dashpots.
+
+    ω² = 6 k/m and 24 k_T/m, γ = 6 η/m + 2 η_T/m and 24 η_T/m; stable is (h ω)²/4 + h γ = 1.
+    """
+    for part, pieces in ((0.99, 1), (1.01, 2)):
+        frequency = 1 / (50 * part * limit)  # 50 whole steps per period of this length
+        shear = OscillatoryShear(strain_amplitude=1e-9, relative_frequency=frequency)
+        assert first_step(shear, friction, viscosity, steps=50).substeps == pieces
+
+
+@pytest.mark.parametrize(("change", "pieces"), [(0.0297, 1), (0.0303, 2)])
+def test_the_longest_substep_in_strain(change, pieces):
+    """3 % of strain."""
+    shear = SteadyShear(
+        kind="steady", relative_rate=10 * change, strain=1, relative_frequency=0.1, pre_periods=0
+    )  # in steps of 0.1 τ
+    assert first_step(shear).substeps == pieces
+
+
+@pytest.mark.parametrize(("part", "pieces"), [(0.98, 1), (1.02, 2)])
+@pytest.mark.parametrize("touching", [False, True])
+def test_the_longest_substep_of_an_approach(touching, part, pieces):
+    """Two fast discs approach by half a radius; a contact changes its length by a fifth."""
+    s = first_step(OscillatoryShear(strain_amplitude=1e-9), advance=False)
+    d, size = s.discs, 2 * float(s.discs.radius[0])
+    distance = (0.9 if touching else 1.5) * size
+    d.x[:2], d.y[:2] = (0.0, distance), 0.0
+    d.x[2:], d.y[2:] = (0.0, distance), 0.5 * s.constants.height
+    way = 0.2 * distance / 2 if touching else 0.25 * size / 2
+    d.cx[0], d.cx[1] = (sign * part * way / s.clock.step * 2 for sign in (1, -1))
+    s.constants = s.constants._replace(step_normal=1e9, step_energy=1e9)
+    s.clock = s.clock._replace(step=0.5 * s.clock.step)
+    s.advance(2)
+    assert s.substeps == pieces
+
+
+def first_step(shear, friction=0.0, viscosity=0.0, *, steps=None, advance=True):
+    """Return a simulation of four equal discs, far apart, after its first step."""
+    s = prepared(
+        packing_point(
+            discs=4, packing={"packing_fraction": 0.1, "size_ratio": 1.0}, shear=shear,
+            steps_per_period=steps, friction=friction, relative_viscosity=viscosity,
+        )
+    )  # fmt: skip
+    if advance:
+        s.advance(2)
+    return s

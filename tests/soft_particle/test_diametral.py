@@ -1,12 +1,12 @@
 """A ring between two plates: the elastica, plastic hinges, the membrane; one job of a study."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import SimulationError
-from shear_sim.models.soft_particle.checkpoint import freeze, thaw
-from shear_sim.models.soft_particle.diametral import Diametral
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
@@ -58,6 +58,9 @@ def test_an_elastic_ring_follows_the_elastica(elastic):
     beta = 1 - loading["compression"][flat]
     assert loading["scaled_force"][flat] == pytest.approx(1.43554 / beta**2, rel=0.03)
     assert loading["area_ratio"][flat] == pytest.approx(2 * beta - 1.01253 * beta**2, abs=0.002)
+    measured = elastic.summary()["measured"]
+    assert measured["contact_onset"] == pytest.approx(0.2822, abs=0.01)
+    assert measured["contact_slope"] == pytest.approx(2.188, abs=0.1)
     assert soft_particle.derive(table)["stretch_share"][top] < 4e-3  # as h²: 5e-4 at h = 0.05 R
 
 
@@ -143,26 +146,20 @@ def test_all_that_is_measured_scales():
 
 
 def test_stop_and_go_on_to_the_same_bits(tmp_path):
-    """A run kept in a file and taken up again by another process is the same run."""
+    """A run kept in a file between two records and taken up again is the same run."""
     given = point(16, model={"yield_moment": 0.01, "friction": 0.3, "core_ratio": 1.0},
                   shear={"compression": 0.3, "relative_rate": 0.05},
                   record={"rows": 12})  # fmt: skip
-    whole = Diametral(given)
-    for _ in range(6):
-        whole.go_on()
-    np.savez(tmp_path / "state.npz", **freeze(whole.system))
-    with np.load(tmp_path / "state.npz") as kept:
-        again = Diametral(given)
-        thaw(kept, again.system)
-    again.piece, again._at = whole.piece, whole._at
-    for _ in range(6):
-        whole.go_on()
-        again.go_on()
-        assert whole.record() == again.record()
-    one, other = freeze(whole.system), freeze(again.system)
-    for name, values in one.items():
-        if not name.startswith(("work.scratch", "work.found", "work.owner", "work.run")):
-            assert np.array_equal(values, other[name]), name
+    whole = soft_particle.start(given, Streams(0, 0))
+    whole.advance(6)
+    (tmp_path / "state.pickle").write_bytes(pickle.dumps(whole))
+    again = pickle.loads((tmp_path / "state.pickle").read_bytes())  # noqa: S301
+    whole.advance(7)
+    again.advance(7)
+    assert whole.done == again.done == 13
+    for name, values in whole.columns().items():
+        assert np.array_equal(values, again.columns()[name]), name
+    assert whole.summary() == again.summary()
 
 
 def test_blocks_do_not_change_a_run():

@@ -43,6 +43,14 @@ POINT_TABLES = {
     "diametral_compression": "diametral_compression",
 }
 
+#: All tables that `shear_sim.aggregate` may write.
+TABLES = {"runs", "cycles", "harmonics", "historical", "features", "contrasts"} | set(
+    POINT_TABLES.values()
+)
+#: Those that say in a last column ``tensor`` which stress tensor they are of; in ``runs`` it is
+#: that of the harmonics and of all columns whose description names none.
+OF_TENSOR = ("runs", "cycles", "harmonics", "curves", "features", "contrasts")
+
 LABELS = (
     Column("point", "", "id of the point, the same for all its replicates"),
     Column("curve", "", "id of the curve: what is varied, but for the strain amplitude"),
@@ -120,11 +128,11 @@ QUALITY = (
 FLAGS = (
     Column("no_moduli", "", "why something could not be fitted"),
     Column("no_steady", "", "why nothing could be averaged"),
-    Column("flags", "", "quality columns outside their limits, not_at_rest, stopped_early"),
+    Column("flags", "", "quality columns outside their limits, and flags of the model"),
     Column("flagged", "", "has flags, or no result; counted in all the same"),
 )
 #: Flags that a model sets itself.
-MODEL_FLAGS = ("not_at_rest", "stopped_early")
+MODEL_FLAGS = ("not_at_rest", "stopped_early", "deep_overlap")
 STEADY = (
     (Column("shear_stress", "Pa", "mean over the late half of the strain"), "steady.shear_stress"),
     (

@@ -51,7 +51,11 @@ of a singular value of Ξ½ Sᵀ, and forces grow as 1/λ. Under 1e-7 the factor
 **Jamming.** Where no forces stop a pair, the direction of (HD.2) that never ends is a state φ₀ > 0
 with Sᵀφ₀ = 0 that resists the drive, ⟨φ₀|q⟩ < 0 (``certificate``).
 
-Reading order: ``parameters``, ``flow`` (one step), ``series``, ``active_set``, ``simulation``.
+**Composites and walls.** A contact between beads of a body is permanent: it stays, and its force
+may have any sign. Immobile discs (ξ = 0) go with the flow, whoever pushes them.
+
+Reading order: ``parameters``, ``packing`` (starts), ``flow`` (one step), ``series``,
+``active_set``, ``driving`` (what changes on the way), ``simulation``.
 """
 
 from collections.abc import Sequence

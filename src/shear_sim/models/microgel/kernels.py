@@ -431,6 +431,7 @@ def contact_forces(
         work.closest[0] = min(work.closest[0], block[CLOSEST + s])
         work.closest[1] = max(work.closest[1], block[LONGEST + s])
         work.closest[2] = max(work.closest[2], block[CLOSING + s])
+    work.closest[3] = min(work.closest[3], work.closest[0])
 
 
 @jit
@@ -544,11 +545,11 @@ def stable(springs: float, dashpots: float) -> float:
     Notes
     -----
     Dashpots are the shorter limit from a relative viscosity of 0.1 on: it takes 4 to 16 times as
-    many substeps at 0.3 to 1. To treat them apart does not pay. Exact exponentials, pair by pair,
-    need h of 0.0175 τ for 0.5 % of the dissipation at 1 (75 % error at 0.2 τ), where (M.1) to (M.4)
-    are stable to 0.03 τ. Solving for all at once takes 3 to 5 products with their matrix, each half
-    as dear as the forces: half the time at 0.6 to 1, but more than now at the usual 0.1, and
-    Coulomb's bound, which includes the dashpots, would have to be found in the same solution.
+    many substeps at 0.3 to 1. They could be treated apart. Exact exponentials, pair by pair, split
+    what many contacts do to one disc at once, and so need steps about as short for the same
+    dissipation. Solving for all at once takes several products with their matrix in each step:
+    less time at 0.6 to 1, perhaps, but more than now at the usual 0.1, and Coulomb's bound, which
+    includes the dashpots, would have to be found in the same solution.
     """
     loss = 1.0 / dashpots
     return float(2.0 / (loss + np.sqrt(loss * loss + 4.0 / springs**2)))
@@ -561,7 +562,7 @@ def substep(constants: Constants, work: Work, size: float, rate: float) -> float
     ``size`` is the contact distance at which the law's tangent is read [m].
     """
     closest, longest = work.closest[0], work.closest[1]
-    springs = constants.step_normal
+    softer = 1.0
     if closest < 1.0:
         # Tangent stiffness at the closest contact, from the law itself.
         stiffest = max(constants.k, constants.link_k)
@@ -570,9 +571,10 @@ def substep(constants: Constants, work: Work, size: float, rate: float) -> float
         for k in (constants.k, constants.link_k):
             nearer = law(max(d - e, 0.0), size, k, constants.law)
             steepest = max(steepest, (law(d, size, k, constants.law) - nearer) / e)
-        springs *= np.sqrt(stiffest / steepest)
-    # Half of the limit of springs alone, as collisions keep energy to (h ω)²/4.
-    h = min(0.5 * springs, stable(springs, constants.step_normal_dashpot))
+        softer = np.sqrt(stiffest / steepest)
+    springs = constants.step_normal * softer
+    # Collisions keep energy to (h ω)²/4.
+    h = min(constants.step_energy * softer, stable(springs, constants.step_normal_dashpot))
     if TANGENTIAL:
         # The arms of a stretched link grow with it, and what turns the discs with their square.
         # Three quarters of the limit, where without dashpots an error would stay for ever.
@@ -670,6 +672,7 @@ def run(
             while part > 1 and (clock.step * part > longest * MOST_PIECES or at % part != 0):
                 part //= 2
             if clock.step > resolved * MOST_PIECES:
+                work.stopped[0], work.stopped[1] = (k + at / MOST_PIECES) * clock.step, strain
                 return contacts, filled, substeps, TOO_STIFF
             h = clock.step * part / MOST_PIECES
             at += part
@@ -687,6 +690,7 @@ def run(
             way = moved(discs, work, constants, strain)
             if not way <= constants.skin:
                 if np.isnan(way):
+                    work.stopped[0], work.stopped[1] = (k + at / MOST_PIECES) * clock.step, strain
                     return contacts, filled, substeps, NOT_FINITE
                 contacts = renew_contacts(discs, work, links, contacts, constants, strain)
             recording = TALLY or (record and at == MOST_PIECES)
@@ -712,5 +716,6 @@ def run(
                 energy_row(discs, work, row)
             filled += 1
             if not np.isfinite(row[3] + row[6] + row[19] + row[21]):
+                work.stopped[0], work.stopped[1] = row[0], strain
                 return contacts, filled, substeps, NOT_FINITE
     return contacts, filled, substeps, RUNNING

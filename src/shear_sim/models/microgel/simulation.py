@@ -57,6 +57,8 @@ FloatArray = NDArray[np.float64]
 SKIN = 0.6  # of the mean radius: neighbour lists reach this much beyond contact
 REST_DAMPING = 0.5  # 1/τ, while a packing comes to rest
 CACHED = 1000  # so many discs lie in the cache however they are numbered
+STEP_ENERGY = 0.5  # longest substep, of the stable one of springs alone: analysis/default_steps.py
+CORE = 0.1  # distance over contact distance: who comes closer may pass through
 
 
 @cache
@@ -144,7 +146,8 @@ def make_work(n: int) -> Work:
         strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
         near=np.zeros(NEAR + 1, np.int32),
         block=np.zeros(BLOCK_ROWS * LANES),
-        closest=np.array([1.0, 1.0, 0.0]), tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+        closest=np.array([1.0, 1.0, 0.0, 1.0]), stopped=np.zeros(2),
+        tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
         stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),
     )  # fmt: skip
 
@@ -231,6 +234,7 @@ def make_constants(
         affine=model.drive == "affine",
         skin=SKIN * float(discs.radius.mean()),
         step_normal=2 / math.sqrt(six * k_n),
+        step_energy=STEP_ENERGY * 2 / math.sqrt(six * k_n),
         step_normal_dashpot=_inverse(six * (eta_n + eta_t / 3)),
         step_rolling=2 * _inverse(math.sqrt(rolling * k_t)),
         step_rolling_dashpot=_inverse(rolling * eta_t),
@@ -328,16 +332,16 @@ class MicrogelSimulation:
             raise SimulationError(self._diagnosis(status))
 
     def _diagnosis(self, status: int) -> str:
-        time, strain = self._table[self.done - 1, :2]
+        time, strain = self.work.stopped
         when = f"at t = {time:g} s (strain {strain:.4g})"
         if status == TOO_STIFF:
-            return self._too_stiff(when)
+            return self._too_stiff(when, strain)
         limit = 500.0 * self.constants.width
         bad = np.flatnonzero(~(np.abs(self.discs.x) + np.abs(self.discs.y) < limit))
         what = f"disc {bad[0]} was shot away" if len(bad) else "a stress is no longer finite"
         return f"{what} {when}: raise integrator.steps_per_period = {self.clock.per_period}"
 
-    def _too_stiff(self, when: str) -> str:
+    def _too_stiff(self, when: str, strain: float) -> str:
         """Say what needs substeps that are too short, and what to do."""
         c, d, pairs, clock = self.constants, self.discs, self.pairs, self.clock
         size = 2 * float(d.radius.mean())
@@ -350,7 +354,6 @@ class MicrogelSimulation:
         if min(c.step_normal_dashpot, c.step_rolling_dashpot / stretched) < 2 * longest:
             return f"the dashpots need {need}: lower model.relative_viscosity"
         dx, dy = d.x[pairs.j] - d.x[pairs.i], d.y[pairs.j] - d.y[pairs.i]
-        strain = self._table[self.done - 1, 1]
         offset = strain * c.height - self.work.turns[0] * c.width
         distance = np.hypot(
             dx + pairs.nx * c.width + pairs.ny * offset, dy + pairs.ny * c.height
@@ -404,7 +407,10 @@ class MicrogelSimulation:
             "protocol": protocol,
             "preparation": self.preparation,
             "checks": self._checks(),
-            "flags": {"not_at_rest": not self.preparation.get("at_rest", True)},
+            "flags": {
+                "not_at_rest": not self.preparation.get("at_rest", True),
+                "deep_overlap": bool(self.work.closest[3] < CORE),
+            },
         }
 
     def _checks(self) -> dict[str, float | None]:
@@ -429,6 +435,7 @@ class MicrogelSimulation:
             "asymmetry_periodic": asymmetry("periodic_love_weber", "periodic_torque_yx"),
             "asymmetry_internal": asymmetry("love_weber", "internal_torque_yx"),
             "love_weber_identity": float(self.work.check[0]),
+            "closest": float(self.work.closest[3]),
             "momentum": float(momentum / (d.mass.sum() * speed)) if kept else None,
             "substeps": self.substeps,
             "steps": self.steps,
@@ -542,9 +549,11 @@ def _relax(
     if rest.max_steps == 0:
         return {}
     unit = force_unit(constants, discs)
+    longest = 3 * math.sqrt(discs.mass.min() / (6 * constants.k))
     # What only moving discs feel stays out of it: scenes that differ there share their packings.
     at_rest = constants._replace(
-        step_normal=3 * math.sqrt(discs.mass.min() / (6 * constants.k)),  # energy may err
+        step_normal=longest,
+        step_energy=0.5 * longest,  # energy may err
         step_normal_dashpot=math.inf,
     )
     linear = at_rest._replace(law=(0.0, *constants.law[1:]))

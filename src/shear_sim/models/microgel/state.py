@@ -71,7 +71,8 @@ class Work(NamedTuple):
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
     near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
     block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
-    closest: Floats  # (3,) smallest d/D, largest d/D of a link, largest |d'|/d of contacts
+    closest: Floats  # (4,) smallest d/D, largest of a link, largest |d'|/d; smallest d/D so far
+    stopped: Floats  # (2,) time [s] and strain of the positions, if the run had to stop
     tensors: Floats  # (14,) sums of ``contact_forces`` for a record
     row: Floats  # (2,) touching pairs and sliding pairs
     stored: Floats  # (1,) elastic energy [J/m]
@@ -179,6 +180,7 @@ class Constants(NamedTuple):
     affine: bool  # SLLOD, or driven at the edges alone
     skin: float  # [m]
     step_normal: float  # 2/ω of vibrations of six contacts at d = D [s]
+    step_energy: float  # longest substep that keeps their energy, where d = D [s]
     step_normal_dashpot: float  # 1/γ of their dashpots [s]
     step_rolling: float  # 2/ω of their rolling [s]
     step_rolling_dashpot: float  # 1/γ of it [s]

@@ -126,7 +126,10 @@ class Diametral:
         longest = 2.0 * self.speed * PIECES * self.steps * system.rules.step
         one_way = abs(moved) > 1e-3 * longest
         gap = -float(walls.position.sum()) - 2.0 * radius
-        top = motion.x[motion.y + walls.position[1] + radius > 0.0]
+        overlap = motion.y + walls.position[1] + radius
+        touching = overlap > 0.0
+        top, load = motion.x[touching], overlap[touching]
+        apart = 2.0 * float((load * np.abs(top)).sum() / load.sum()) if len(top) else 0.0
         energy = system.budget()
         area = system.area(0)
         diameter = 2.0 * self.half
@@ -148,6 +151,7 @@ class Diametral:
             "area_ratio": area / float(chains.core_area[0]),
             "width_ratio": float(np.ptp(motion.x)) / diameter,
             "contact_ratio": float(np.ptp(top)) / diameter if len(top) else 0.0,
+            "load_ratio": apart / diameter,
             "energy_stretch": energy.stretch,
             "energy_bend": energy.bend,
             "energy_core": energy.core,

@@ -16,7 +16,7 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticleRecord,
 )
 
-FEWEST_TOUCHING = 4  # segments between the outermost touching vertices, for a contact length
+FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
 
 
 class SoftParticleSimulation:
@@ -96,13 +96,17 @@ class SoftParticleSimulation:
         return {name: float(value) for name, value in found.items()}
 
     def _contact_line(self, table: Columns, top: int) -> dict[str, float]:
-        """Fit the contact length of loading where it is long against a segment."""
-        ratio = table["contact_ratio"][: top + 1]
+        """Fit a line to the contact length of loading, where it is long against a segment.
+
+        A flat contact of a hollow ring bears at its two ends, so its length is how far the loads
+        are apart; unlike the vertices that touch, that does not come in whole segments.
+        """
+        ratio, strain = table["load_ratio"][: top + 1], table["compression"][: top + 1]
         segment = self.run.unit.segment / (2.0 * self.run.half)
-        use = ratio > (FEWEST_TOUCHING - 0.5) * segment
-        if use.sum() < 10:
+        use = ratio > FEWEST_TOUCHING * segment
+        if self.point.model.core_ratio > 0.0 or use.sum() < 10:
             return {}
-        slope, offset = np.polyfit(table["compression"][: top + 1][use], ratio[use], 1)
+        slope, offset = np.polyfit(strain[use], ratio[use], 1)
         return {"contact_onset": -offset / slope, "contact_slope": slope}
 
 

@@ -5,12 +5,12 @@ soft discs. And three ratios of cost: (a) to the paper's steepest descent, equat
 word by word, over a strain of 0.002; (b) to explicit soft discs of two stiffnesses; (c) of events
 followed with less accuracy.
 
-.venv/bin/python analysis/hard_disc_soft.py          # 2 minutes of one core
+.venv/bin/python analysis/hard_disc/soft.py          # 2 minutes of one core
 
 draws analysis/figures/hard_disc_soft.png and prints all numbers. CPU times are of this process.
 """
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -141,7 +141,10 @@ def hard(start: Start, accuracy: float | None = None) -> Flow:
     return flow
 
 
-def main(folder: str = "analysis/figures") -> None:
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
+    given = parser.parse_args()
     packing = HardDiscPacking(discs=DISCS, packing_fraction=PACKING_FRACTION, attempts=200)
     start = make_start(packing, HardDisc(), Streams(SEED, 0))
     hard(start).advance(0.01)  # compiled
@@ -233,8 +236,8 @@ def main(folder: str = "analysis/figures") -> None:
             axis.set(xlabel=r"strain $\gamma$", ylabel=r"stress $\sigma\xi_0/\dot\gamma$")
         handles, labels = wide.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=5)
-        print(*style.save(figure, Path(folder) / "hard_disc_soft")[:1])
+        print(*style.save(figure, given.folder / "hard_disc_soft")[:1])
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -1,13 +1,13 @@
 """Statistics of forces and collisions of hard discs sheared at fixed pressure.
 
-.venv/bin/python analysis/hard_disc_statistics.py       # 1 minute of one core
+.venv/bin/python analysis/hard_disc/force_statistics.py       # 1 minute of one core
 
 256 discs at p ξ₀/γ̇ = 10 and 100: the distribution of forces over their mean, of the strain between
 collisions over its mean (dashed: collisions at random), of the jumps of the stress at collisions,
 and of the life of contacts. Draws analysis/figures/hard_disc_statistics.png.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +77,10 @@ def density(values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArr
     return middle[kept], (count / np.diff(edges) / len(values))[kept]
 
 
-def main(folder: str = "analysis/figures") -> None:
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
+    given = parser.parse_args()
     labels = (
         (r"force $f/\langle f\rangle$", 1e-2, 1e1),
         ("strain between collisions / mean", 1e-3, 2e1),
@@ -96,10 +99,7 @@ def main(folder: str = "analysis/figures") -> None:
             print(f"{(force < 0.1).mean():.1%} under a tenth, {(force > 3).mean():.1%} over 3")
             print(f"  {len(wait)} collisions; waits: standard deviation / mean {wait.std():.2f}")
             print(f"  jumps: {(jump > 1e-6).mean():.1%} up by over 1e-6,", end=" ")
-            print(
-                f"{(jump < -1e-6).mean():.1%} down, mean {jump.mean():.4f}, "
-                f"largest {jump.max():.2f}"
-            )
+            print(f"{(jump < -1e-6).mean():.1%} down, largest {jump.max():.2f}")
             print(f"  {len(life)} lives: median {np.median(life):.1e} of strain")
             for axis, values, (label, low, high) in zip(axes, found, labels, strict=True):
                 at, dense = density(values[values > 0], np.geomspace(low, high, 31))
@@ -111,8 +111,8 @@ def main(folder: str = "analysis/figures") -> None:
         at = np.geomspace(1e-3, 8, 50)
         axes[1].plot(at, np.exp(-at), color="0.4", linestyle="--", linewidth=0.8)
         axes[0].legend()
-        print(*style.save(figure, Path(folder) / "hard_disc_statistics")[:1])
+        print(*style.save(figure, given.folder / "hard_disc_statistics")[:1])
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

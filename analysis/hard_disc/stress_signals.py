@@ -1,13 +1,13 @@
 """Draw signals of sheared hard discs: figures 2, 4 and 7 of Lerner, Düring & Wyart (2013).
 
 .venv/bin/shear-sim sweep configs/hard_disc/signals.yaml
-.venv/bin/python analysis/hard_disc_signals.py results/signals
+.venv/bin/python analysis/hard_disc/stress_signals.py results/signals
 
 prints what the paper says of them, measured: between events the stress falls, collisions raise it.
 """
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -84,16 +84,20 @@ def fixed_pressure(columns: Columns, stem: Path) -> None:
     print(f"  ½ ln(φ end/φ start) − ∫κ = {residual:.1e}")
 
 
-def main(results: str, folder: str = "analysis/figures") -> None:
-    kept = Results.existing(Path(results))
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("results", type=Path, help="results folder of the study")
+    parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
+    given = parser.parse_args()
+    kept = Results.existing(given.results)
     plan, _ = kept.plan()
     for job, labels in zip(plan["job"].to_pylist(), plan["labels"].to_pylist(), strict=True):
         columns, summary = read_job(kept.job_file(job))
         scene = json.loads(labels)[0][1]
         print(f"{scene}: {summary['status']}, {summary['events']['collisions']} collisions")
         draw = {"fixed_area": fixed_area, "fixed_pressure": fixed_pressure}[scene]
-        draw(columns, Path(folder) / f"hard_disc_signal_{scene}")
+        draw(columns, given.folder / f"hard_disc_signal_{scene}")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -1,13 +1,13 @@
 """Measure what an event of hard discs costs, how that grows with N, and what time steps cost.
 
-.venv/bin/python analysis/hard_disc_speed.py        # 6 minutes of one core
+.venv/bin/python analysis/hard_disc/speed.py        # 6 minutes of one core
 
 prints CPU times of this process and draws analysis/figures/hard_disc_speed.png: cost of an event
 beside that of one factor and one solution of its contact matrix, the least that any method with a
 sparse solver must pay.
 """
 
-import sys
+import argparse
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,7 +147,10 @@ def time_steps() -> None:
     print(f"overlap {f.counts.largest_overlap:.0e}", flush=True)
 
 
-def main(folder: str = "analysis/figures") -> None:
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
+    given = parser.parse_args()
     timed(flow(packed(32, 0.8), 10.0), strain=0.1)  # compiled
     per_event, per_factor = growth()
     slopes = [np.polyfit(np.log(SIZES[2:]), np.log(y[2:]), 1)[0] for y in (per_event, per_factor)]
@@ -166,10 +169,10 @@ def main(folder: str = "analysis/figures") -> None:
         axis.minorticks_off()
         axis.set_ylim(0.01, 40)
         axis.legend(loc="upper left")
-        print(*style.save(figure, Path(folder) / "hard_disc_speed")[:1])
+        print(*style.save(figure, given.folder / "hard_disc_speed")[:1])
     targets()
     time_steps()
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

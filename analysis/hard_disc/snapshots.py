@@ -3,13 +3,13 @@
 Figures 5, 8 and 9 of Lerner, Düring & Wyart (2013), a jammed packing, an inclined plane, a hopper:
 
 .venv/bin/shear-sim sweep configs/hard_disc/snapshots.yaml
-.venv/bin/python analysis/hard_disc_snapshots.py results/snapshots
+.venv/bin/python analysis/hard_disc/snapshots.py results/snapshots
 
 draws a picture of each scene into analysis/figures (or the folder given second).
 """
 
+import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,12 @@ def snapshot(state: dict[str, Any], stem: Path) -> None:
         print(*style.save(figure, stem)[:1])
 
 
-def main(results: str, folder: str = "analysis/figures") -> None:
-    kept = Results.existing(Path(results))
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("results", type=Path, help="results folder of the study")
+    parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
+    given = parser.parse_args()
+    kept = Results.existing(given.results)
     plan, _ = kept.plan()
     for job, labels in zip(plan["job"].to_pylist(), plan["labels"].to_pylist(), strict=True):
         _, summary = read_job(kept.job_file(job))
@@ -87,8 +91,8 @@ def main(results: str, folder: str = "analysis/figures") -> None:
             f"{scene}: {summary['status']}, {len(summary['state']['contact_i'])} contacts,", end=" "
         )
         print(f"largest overlap {summary['checks']['largest_overlap']:.1e}:", end=" ")
-        snapshot(summary["state"], Path(folder) / f"hard_disc_{scene}")
+        snapshot(summary["state"], given.folder / f"hard_disc_{scene}")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

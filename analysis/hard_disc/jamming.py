@@ -1,11 +1,12 @@
 """Check the certificate of every jammed run of a study, and count how its runs end.
 
 .venv/bin/shear-sim sweep configs/hard_disc/jamming.yaml
-.venv/bin/python analysis/hard_disc_jamming.py results/jamming
+.venv/bin/python analysis/hard_disc/jamming.py results/jamming
 
 Exits with 1 if a run neither flows to its end nor has a certificate that holds in every point.
 """
 
+import argparse
 import sys
 from collections import Counter
 from pathlib import Path
@@ -28,8 +29,11 @@ def holds(certificate: dict[str, Any], checks: dict[str, float]) -> bool:
     )
 
 
-def main(results: str) -> int:
-    kept = Results.existing(Path(results))
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("results", type=Path, help="results folder of the study")
+    given = parser.parse_args()
+    kept = Results.existing(given.results)
     plan, _ = kept.plan()
     points: dict[str, list[dict[str, Any]]] = {}
     names = ("shear.kind", "packing.discs", "packing.packing_fraction")
@@ -65,4 +69,4 @@ def main(results: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(main())

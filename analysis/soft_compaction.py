@@ -9,7 +9,7 @@ long, and goes up again twice as fast. Void ratios are with V_s = A + P r + π r
 units of σ* = k_b/2R² (paper (37)).
 """
 
-import sys
+import argparse
 import time
 from typing import NamedTuple
 
@@ -250,7 +250,11 @@ def draw(path: str, results: dict[str, Result], packed: Packed) -> None:
 
 
 def main() -> None:
-    packed = packed_discs(int(sys.argv[1]), seed=1)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("rings", type=int, help="number of particles")
+    parser.add_argument("figure", help="path of the figure")
+    given = parser.parse_args()
+    packed = packed_discs(given.rings, seed=1)
     area = np.pi * (packed.radius**2).sum() / packed.width / packed.height
     print(
         f"# Compaction of {len(packed.radius)} rings, from discs of packing fraction {area:.3f}\n"
@@ -261,10 +265,10 @@ def main() -> None:
     )
     print("| --- " * 14 + "|")
     results = {}
-    for name, given in SETS.items():
-        results[name] = compact(packed, **given)
+    for name, options in SETS.items():
+        results[name] = compact(packed, **options)
         report(name, results[name])
-    draw(sys.argv[2], results, packed)
+    draw(given.figure, results, packed)
 
 
 if __name__ == "__main__":

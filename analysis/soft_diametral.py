@@ -7,7 +7,7 @@ vertices and h = 0.05 R. The plastic one is compressed ever more slowly, by fact
 its force (averaged over Δε = 0.02) changes by less than 0.5 %.
 """
 
-import sys
+import argparse
 from typing import NamedTuple
 
 import matplotlib as mpl
@@ -136,8 +136,9 @@ def elastic(run: Run) -> None:
 
 def averaged(run: Run, strain: float) -> float:
     """F R/4 M^Y averaged over Δε = 0.02 about ``strain``."""
-    table = run.table
+    table, top = run.table, int(run.table["compression"].argmax())
     way = (table["compression"] > strain - 0.01) & (table["compression"] <= strain + 0.01)
+    way[top + 1 :] = False
     return float(table["mean_force"][way].mean() / table["force_unit"][0])
 
 
@@ -181,6 +182,12 @@ def core(eta: float) -> Run:
     return run
 
 
+def _last_two(axis: plt.Axes) -> tuple[list[object], list[str]]:
+    handles, labels = axis.get_legend_handles_labels()
+    chosen = [k for k, label in enumerate(labels) if label.startswith(("its", "stadium"))]
+    return [handles[k] for k in chosen], [labels[k] for k in chosen]
+
+
 def draw(path: str, runs: dict[str, Run]) -> None:
     figure, axes = plt.subplots(2, 3, figsize=(9.5, 5.6), layout="constrained")
     for name, run in runs.items():
@@ -190,25 +197,33 @@ def draw(path: str, runs: dict[str, Run]) -> None:
         axes[0, 0].plot(e[2:], run.table["scaled_force"][2:top], **line)
         axes[0, 1].plot(e, run.table["area_ratio"][:top], **line)
         axes[0, 2].plot(e, run.table["contact_ratio"][:top], **line)
-        axes[1, 2].plot(
-            e[2:], (run.table["energy_stretch"] / run.table["energy_bend"])[2:top], **line
-        )
+        if name == "elastic":
+            apart = run.table["load_ratio"][:top]
+            axes[0, 2].plot(e[e > ONSET], apart[e > ONSET], "C0--", lw=1, label="its loads")
+        share = run.table["energy_stretch"][2:top] / run.table["energy_bend"][2:top]
+        axes[1, 2].plot(e[2:], share, **line)
     theory = {"color": "black", "ls": "none", "marker": "o", "ms": 3, "mfc": "none"}
     beyond = np.linspace(0.29, 0.5, 9)
     axes[0, 0].plot(ELASTICA[:, 0], ELASTICA[:, 1], **theory, label="elastica")
     axes[0, 0].plot(beyond, 1.43554 / (1 - beyond) ** 2, **theory)
-    axes[0, 0].set(yscale="log", ylabel="F R²/EI")
+    axes[0, 0].set(yscale="log", ylabel="$F R^2/EI$")
     axes[0, 1].plot(ELASTICA[:, 0], ELASTICA[:, 2], **theory)
+    run = runs["plastic"]
+    e = np.linspace(0, 0.5, 9)
+    phi = np.arcsin(e)
+    area = 2 / np.pi * (2 * phi * (1 - e) + np.pi / 2 - phi - e * np.sqrt(1 - e**2))
+    axes[0, 1].plot(e, area, color="C3", ls="none", marker="s", ms=3, mfc="none", label="hinges")
+    axes[0, 1].legend(frameon=False, fontsize=7)
     axes[0, 1].plot(beyond, 2 * (1 - beyond) - 1.01253 * (1 - beyond) ** 2, **theory)
-    axes[0, 1].set(ylabel="V/V₀")
+    axes[0, 1].set(ylabel="$V/V_0$")
     axes[0, 2].plot(beyond, 2.188 * (beyond - ONSET), **theory)
     for eta in (1, 100):
         beta = 1 - np.linspace(0.05, 0.35, 13)
         length = ((1 - beta) + 0.5 * eta * beta * (1 - beta**2)) / (1 + eta * beta**2)
         axes[0, 2].plot(1 - beta, 0.5 * np.pi * length, color="black", lw=0.6, ls=":")
         axes[0, 1].plot(1 - beta, beta**2 + 2 * beta * length, color="black", lw=0.6, ls=":")
-    axes[0, 2].set(ylabel="L_c/b₀")
-    axes[1, 2].set(yscale="log", ylabel="W_s/W_b")
+    axes[0, 2].set(ylabel="$L_c/b_0$, of vertices")
+    axes[1, 2].set(yscale="log", ylabel="$W_s/W_b$")
     e = np.linspace(0, 0.5)
     run = runs["plastic"]
     half = int(run.table["compression"].argmax()) + 1
@@ -216,7 +231,7 @@ def draw(path: str, runs: dict[str, Run]) -> None:
     axes[1, 0].plot(run.table["compression"][1:half], run.table["mean_force"][1:half] / scale,
                     color="C3", lw=0.8)  # fmt: skip
     axes[1, 0].plot(e, 1 / np.sqrt(1 - e**2), "k:", lw=1, label="DeRuntz & Hodge")
-    axes[1, 0].set(ylabel="F R/4M^Y, plastic", ylim=(0, 1.4))
+    axes[1, 0].set(ylabel="$F R/4M^Y$ of the plastic ring", ylim=(0, 1.4))
     axes[1, 0].legend(frameon=False)
     for name, strain, color in (("elastic", 0.4, "C0"), ("η = 100", 0.3, "C2")):
         run = runs[name]
@@ -224,10 +239,12 @@ def draw(path: str, runs: dict[str, Run]) -> None:
         p = run.pressure[k]
         axes[1, 1].plot(run.place[k], p / p.max(), "o-", color=color, ms=3, lw=0.8,
                         label=f"{name}, ε = {strain:g}")  # fmt: skip
-    axes[1, 1].set(xlabel="x/R", ylabel="pressure of the plate / largest")
-    axes[1, 1].legend(frameon=False, fontsize=7)
+    axes[1, 1].set(xlabel="$x/R$", ylabel="pressure of the plate / largest", ylim=(0, 1.3))
+    axes[1, 1].legend(frameon=False, fontsize=7, loc="upper center")
+    axes[0, 2].plot([], [], "k:", lw=0.6, label="stadium, η = 1, 100")
+    axes[0, 2].legend(*_last_two(axes[0, 2]), frameon=False, fontsize=7, loc="upper left")
     for axis in (*axes[0], axes[1, 0], axes[1, 2]):
-        axis.set_xlabel("ε = 1 − b/b₀")
+        axis.set_xlabel("$ε = 1 - b/b_0$")
     axes[0, 0].legend(frameon=False, fontsize=7)
     for axis in axes.flat:
         axis.spines[["top", "right"]].set_visible(False)
@@ -235,13 +252,16 @@ def draw(path: str, runs: dict[str, Run]) -> None:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("figure", help="path of the figure")
+    figure = parser.parse_args().figure
     runs = {"elastic": compress(0.5, 0.0025, 200, unload=True)}
     print("# A ring between two plates")
     elastic(runs["elastic"])
     runs["η = 1"] = core(1.0)
     runs["η = 100"] = core(100.0)
     runs["plastic"] = plastic()
-    draw(sys.argv[1], runs)
+    draw(figure, runs)
 
 
 if __name__ == "__main__":

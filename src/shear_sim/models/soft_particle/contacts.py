@@ -241,7 +241,7 @@ def friction(
                 sy += found[q, 0] * found[q, 1] * found[q, 3]
                 if found[q, 1] > most:
                     main, most = owner[q], found[q, 1]
-        total = np.hypot(sx, sy)
+        total = np.sqrt(sx * sx + sy * sy)
         if total == 0.0:
             continue
         nx, ny = sx / total, sy / total
@@ -272,12 +272,13 @@ def friction(
             uy -= share * ((1.0 - w) * vy[a] + w * vy[b])
             cx += share * ((1.0 - w) * x[a] + w * x[b])
             cy += share * ((1.0 - w) * y[a] + w * y[b])
-            for side in range(2):
-                k = _bar(before, after, a, b, side)
+            for at in range(1 if a != b else 2):
+                k = _bar(before, after, a, b, at)
                 j = after[k]
                 ex, ey = x[j] - x[k], y[j] - y[k]
+                part = share if a != b else 0.5 * share
                 cross = ex * (vy[j] - vy[k]) - ey * (vx[j] - vx[k])
-                turn += 0.5 * share * cross / (ex * ex + ey * ey)
+                turn += part * cross / (ex * ex + ey * ey)
         lever = (x[v] - cx) * ty - (y[v] - cy) * tx
         slip = (ux * tx + uy * ty - lever * turn) * rules.step
         force = old - rules.tangential * slip
@@ -300,11 +301,12 @@ def friction(
             fy[a] -= (1.0 - w) * share * force * ty
             fx[b] -= w * share * force * tx
             fy[b] -= w * share * force * ty
-            for side in range(2):
-                k = _bar(before, after, a, b, side)
+            for at in range(1 if a != b else 2):
+                k = _bar(before, after, a, b, at)
                 j = after[k]
                 ex, ey = x[j] - x[k], y[j] - y[k]
-                couple = -0.5 * share * force * lever / (ex * ex + ey * ey)
+                part = share if a != b else 0.5 * share
+                couple = -part * force * lever / (ex * ex + ey * ey)
                 fx[j] -= couple * ey
                 fy[j] += couple * ex
                 fx[k] += couple * ey
@@ -323,11 +325,11 @@ def _neighbours(after: Ints, one: int, other: int) -> bool:
 
 
 @jit
-def _bar(before: Ints, after: Ints, a: int, b: int, side: int) -> int:
-    """Return a segment that takes half the couple of a feature: its own, or those beside a = b."""
+def _bar(before: Ints, after: Ints, a: int, b: int, at: int) -> int:
+    """Return a segment that takes the couple of a feature: its own, or those beside a = b."""
     if a != b:
         return a
-    if side == 0 and before[a] >= 0:
+    if at == 0 and before[a] >= 0:
         return int(before[a])
     return a if after[a] >= 0 else int(before[a])
 

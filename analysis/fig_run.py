@@ -8,6 +8,7 @@ from pathlib import Path
 
 from shear_sim.figures import example_run, style
 from shear_sim.results import read_job
+from shear_sim.rheology import TENSORS
 
 
 def main() -> None:
@@ -16,8 +17,11 @@ def main() -> None:
     parser.add_argument("stem", type=Path, help="path of the figure, without its ending")
     given = parser.parse_args()
     columns, summary = read_job(given.job_file)
-    moduli = summary.get("moduli", {}).get("periodic")
-    title = f"job {summary['job']['id']}, replicate {summary['job']['replicate']}"
+    # An imported run has no periodic tensor: the first that it has.
+    tensor = next(name for name, series in TENSORS.items() if series in columns)
+    columns["shear_stress"] = columns[TENSORS[tensor]]
+    moduli = summary.get("moduli", {}).get(tensor)
+    title = f"job {summary['job']['id']}, replicate {summary['job']['replicate']}, {tensor} tensor"
     print(*style.save(example_run(columns, summary["protocol"], moduli, title), given.stem))
 
 

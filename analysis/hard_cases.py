@@ -1,6 +1,7 @@
 """Hard cases of the microgel model: what must hold, what was found, and at what cost.
 
 .venv/bin/python analysis/hard_cases.py [NAME ...]
+.venv/bin/python analysis/hard_cases.py --passing 4
 
 Prints one row of a markdown table for each case, or for those named; analysis/hard_cases.md is what
 it printed. CPU s is the time of the whole run, without its preparation, on one core. What must hold
@@ -25,10 +26,16 @@ in each: the run is refused or stopped with a reason, or
 - a run that is advanced record by record, as one that is resumed, with or without its energy
   balance, has the same bits as one in one go.
 
-To pass, two discs must meet with more than 6 k D², the height of the clamped law.
+Through the centre of each other, discs pass with more than 6 k D², the height of the clamped law.
+Past it, within D/10, they need less: k D² (ln(D/d) − 1 + d/D), which is 1.4 k D² at d = D/10, and
+neighbours may push. --passing looks where that happens: at an amplitude of 2, for ways of linking,
+packing fractions, viscosities and frequencies at the ends of the range, in several packings each;
+where discs pass, also with four times the steps and limits of substeps four times finer, which
+tells a property of the law from an error of the step.
 """
 
 import argparse
+import itertools
 import math
 import re
 import tempfile
@@ -47,12 +54,11 @@ from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel import start
 from shear_sim.models.microgel.motion import segment, strain_at
 from shear_sim.models.microgel.parameters import MicrogelPoint
-from shear_sim.models.microgel.simulation import MicrogelSimulation, make_work
+from shear_sim.models.microgel.simulation import CORE, MicrogelSimulation, make_work
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
 ENERGY, SYMMETRY, MOMENTUM = 0.01, 1e-13, 1e-12
-CORE = 0.1  # of D: who comes closer may go through
 LOOKS = 4  # per step
 
 
@@ -318,6 +324,46 @@ class Passing:
         self.seen[i, j] = simulation.done
 
 
+def count_passing(case: Case, seed: int, factor: int) -> Passing:
+    """Run a case with ``factor`` times its steps and look who passes through whom."""
+    looks = begin(case, energy=False, factor=LOOKS * factor, seed=seed)
+    looks.constants = begin(case, energy=False, factor=factor, seed=seed).constants
+    passing = Passing(len(looks.discs.x))
+    while looks.done < looks.rows:
+        looks.advance(1)
+        passing.look(looks)
+    return passing
+
+
+def print_passing(packings: int) -> None:
+    """Print in how many packings discs pass through each other at an amplitude of 2."""
+    titles = (
+        "links", "φ", "relative viscosity", "relative frequency", "steps", "packings with passing",
+        "pairs that pass", "packings closer than D/10", "closest d/D",
+    )  # fmt: skip
+    print(f"| {' | '.join(titles)} |\n{'| --- ' * len(titles)}|")
+    slow = itertools.product(("cells", "none", "bulk"), (1.0, 1.5, 2.0), (0.01, 0.1), (0.025,))
+    fast = itertools.product(("cells", "lines", "bulk", "none"), (1.5, 2.0), (0.1,), (0.14,))
+    for cut, fraction, viscosity, frequency in (*slow, *fast):
+        case = Case({
+            "packing": {"packing_fraction": fraction},
+            "shear": amplitude(2.0, relative_frequency=frequency),
+            "model": {"links": {"cut": cut}, "relative_viscosity": viscosity},
+        })  # fmt: skip
+        for factor in (1, 4):
+            found = [count_passing(case, seed, factor) for seed in range(packings)]
+            passed = [each.count for each in found if each.count]
+            near = sum(each.closest < CORE for each in found)
+            closest = min(each.closest for each in found)
+            print(
+                f"| {cut} | {fraction:g} | {viscosity:g} | {frequency:g} | × {factor} "
+                f"| {len(passed)} of {packings} | {sum(passed)} | {near} | {closest:.3f} |",
+                flush=True,
+            )
+            if not passed:
+                break
+
+
 def collision_error(simulation: MicrogelSimulation) -> float:
     """Return (h ω)²/4 of a chain of the lightest discs that begin to touch."""
     c, work = simulation.constants, make_work(0)
@@ -327,7 +373,7 @@ def collision_error(simulation: MicrogelSimulation) -> float:
     return float(h**2 * c.k / simulation.discs.mass.min())
 
 
-def begin(case: Case, *, energy: bool, factor: int = 1) -> MicrogelSimulation:
+def begin(case: Case, *, energy: bool, factor: int = 1, seed: int = 0) -> MicrogelSimulation:
     """Prepare a case, with ``factor`` times its steps."""
     with point_of(case) as point:
         update = {"steps_per_period": factor * point.steps_per_period}
@@ -337,7 +383,7 @@ def begin(case: Case, *, energy: bool, factor: int = 1) -> MicrogelSimulation:
                 "record": point.record.model_copy(update={"energy": energy}),
             }
         )
-        simulation = start(point, Streams(0, 0))
+        simulation = start(point, Streams(seed, 0))
     assert isinstance(simulation, MicrogelSimulation)
     return simulation
 
@@ -434,9 +480,14 @@ def main() -> None:
     """Print the table of the cases named, or of all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help="cases; default: all")
-    names = parser.parse_args().names
+    parser.add_argument("--passing", type=int, metavar="N", help="who passes, in N packings each")
+    options = parser.parse_args()
+    names = options.names
     if unknown := set(names) - CASES.keys():
         parser.error(f"no case {', '.join(sorted(unknown))}: one of {'; '.join(CASES)}")
+    if options.passing:
+        print_passing(options.passing)
+        return
     titles = (
         "case", "energy residual", "limit", "with 4 × the steps", "asymmetry", "momentum",
         "passed through", "closest d/D", "substeps per step", "CPU s", "verdict",

@@ -8,6 +8,7 @@ scattered moduli. Each command is then a process of its own, as a user would sta
 
 import argparse
 import json
+import multiprocessing
 import os
 import random
 import subprocess
@@ -18,7 +19,7 @@ from pathlib import Path
 
 from shear_sim.results import Results, read_job_summary
 from shear_sim.runner import run_job
-from shear_sim.study import Study, load_study
+from shear_sim.study import load_study
 from shear_sim.tables import write_table
 
 REPLICATES = 10
@@ -35,8 +36,10 @@ seed: 1
 """
 
 
-def fill(study: Study, results: Results) -> None:
-    """Write a result for every job."""
+def fill(file: Path, results: Results) -> None:
+    """Write a result for every job of a study."""
+    study = load_study(file)
+    results.prepare(study)
     jobs = study.jobs()
     path = run_job(jobs[0], results.jobs)
     summary = read_job_summary(path)
@@ -94,9 +97,10 @@ def main() -> None:
         given = (file, "--results", results.folder.parent)
         print("| command | wall time [s] | CPU time [s] | memory [MB] |\n| --- | --- | --- | --- |")
         measure("plan, nothing done", "plan", *given)
-        study = load_study(file)
-        results.prepare(study)
-        fill(study, results)
+        # In a process of its own: the memory of a command would else be at least that of this one.
+        filling = multiprocessing.get_context("spawn").Process(target=fill, args=(file, results))
+        filling.start()
+        filling.join()
         size = sum(path.stat().st_size for path in results.jobs.iterdir())
         measure("status, all done", "status", results.folder)
         measure("plan, all done, index made", "plan", *given)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from shear_sim import cli
 from shear_sim.results import Results
-from shear_sim.tables import read_summary
+from shear_sim.tables import read_summary, write_arrow
 
 HEAVY = {
     "numba",
@@ -321,3 +321,55 @@ def test_debug_shows_the_traceback(environment, tmp_path):
     code, output = run(environment, "--debug", "plan", tmp_path / "missing.yaml")
     assert code != 0
     assert "Traceback" in output
+
+
+def test_verify_names_what_is_damaged_and_sets_it_aside_when_told(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "results/study")
+    shutil.copytree(folder / "results/study", results.folder)
+    assert run(env, "verify", results.folder) == (0, "3 results, 0 damaged\n")
+    path = results.job_file(min(results.finished()))
+    content = bytearray(path.read_bytes())
+    content[200] ^= 1
+    path.write_bytes(content)
+    code, output = run(env, "verify", results.folder)
+    assert code == 1
+    assert f"damaged: {path}: damaged: its checksum is wrong" in output
+    assert path.exists()
+    code, output = run(env, "verify", results.folder, "--remove")
+    assert code == 1
+    assert "3 results, 1 damaged" in output
+    assert (results.folder / "damaged" / path.name).read_bytes() == content
+    code, output = run(env, "sweep", folder / "study.yaml", "--results", tmp_path / "results")
+    assert "6 jobs: 1 new, 2 done, 3 failed" in output
+    assert run(env, "verify", results.folder)[0] == 0
+
+
+def test_results_of_a_newer_version_are_refused(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "results/study")
+    shutil.copytree(folder / "results/study", results.folder)
+    table, summary = results.plan()
+    write_arrow(results.plan_file, table, {**summary, "format": 2})
+    study = (folder / "study.yaml", "--results", tmp_path / "results")
+    for command in (("sweep", *study), ("aggregate", results.folder)):
+        code, output = run(env, *command)
+        assert code == 2
+        assert "made by a newer version of shear-sim (format 2; this one reads 1)" in output
+
+
+def test_watching_ends_when_nothing_is_missing(swept):
+    folder, env, _ = swept
+    code, output = run(env, "status", folder / "results/study", "--watch")
+    assert code == 0
+    assert output.count("3 of 6 jobs done, 3 failed, 0 missing") == 1
+
+
+def test_kernels_can_be_compiled_ahead(swept, tmp_path):
+    folder, env, _ = swept
+    env = {**env, "SHEAR_SIM_CACHE": str(tmp_path / "cache")}
+    code, output = run(env, "compile", folder / "study.yaml")
+    assert code == 0
+    assert "compiling the kernels" in output
+    assert f"compiled code is in {tmp_path / 'cache'}" in output
+    assert "compiling" not in run(env, "compile", folder / "study.yaml")[1]

@@ -7,7 +7,7 @@ from scipy import stats
 
 from shear_sim.aggregate.contrasts import Comparison, compare, find_comparisons
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
-from shear_sim.aggregate.features import Curve, landmark_intervals
+from shear_sim.aggregate.features import Curve, features_table, landmark_intervals
 from shear_sim.models.interface import Column
 from shear_sim.statistics import RESAMPLES
 
@@ -93,6 +93,34 @@ def test_a_yield_near_the_end_is_censored_in_some_resamples():
     assert strain.method == "percentile"
     assert strain.high == np.inf
     assert 0.2 < strain.low < strain.estimate
+
+
+def test_a_curve_without_a_plateau_and_one_that_begins_late_are_flagged():
+    """G' loses a tenth before the second amplitude; and at 0.1, of a study from 0.01 on."""
+    early, good = curve(np.ones(12), np.full(12, 0.02)), curve(np.ones(12), np.full(12, 0.5))
+    late = Curve(AMPLITUDES[2:], good.points[2:], 12)
+    names = ["0", "1", "2"]
+    rows = plan(*[("s", mu, 8e3, "a", None, "c") for mu in (0.1, 0.2, 0.3)])
+    curves = dict(zip(names, (early, good, late), strict=True))
+    table = features_table(rows, PARAMETERS, curves, paired=True, seed=1)
+    for name in ("low_strain_plateau", "softening", "half_loss"):
+        flags = table[table["landmark"] == name].set_index("curve")["storage_modulus_ci_flag"]
+        assert "no plateau: G' softens before the 2nd amplitude" in flags["0"]
+        assert "plateau" not in flags["1"]
+        assert "plateau read at 0.1, others from 0.01 on" in flags["2"]
+    others = table[~table["landmark"].isin(["low_strain_plateau", "softening", "half_loss"])]
+    assert not others["strain_ci_flag"].str.contains("plateau").any()
+
+
+def test_few_replicates_do_not_bound_strains_beyond_the_amplitudes():
+    """Two packings that yield at 0.05 and 0.9: Student's t would run from 1e-7 to 1e6."""
+    curves = {"0": curve(np.ones(2), np.array([0.05, 0.9]))}
+    rows = plan(("s", 0.1, 8e3, "a", None, "c"))
+    table = features_table(rows, PARAMETERS, curves, paired=True, seed=1).set_index("landmark")
+    found = table.loc["yield"]
+    assert (found["strain_ci_low"], found["strain_ci_high"]) == (0.01, 1.0)
+    assert "cut at the smallest or largest amplitude" in found["strain_ci_flag"]
+    assert "fewer than 4 replicates" in found["strain_ci_flag"]
 
 
 RATIO = Comparison("scene", "a", ("1", "2"), {}, "b", "a; b", "ratio", np.array([1.0, -1.0]))

@@ -35,6 +35,7 @@ from shear_sim.figures import (
     quality,
     style,
 )
+from shear_sim.figures.lissajous import _mean_waves
 from shear_sim.figures.panels import FOOT_MARK
 from shear_sim.variation import variation
 
@@ -528,3 +529,11 @@ def test_a_study_without_results_has_no_figures(tmp_path):
     table = main_study().assign(replicates=0)
     nothing = attributed(pd.DataFrame({"scene": []}))
     assert draw({"curves": table, "runs": nothing}, tmp_path) == []
+
+
+def test_lissajous_curves_are_of_the_mean_over_replicates():
+    """Of two replicates, 0.5 and 1.5 times these moduli, neither is the mean."""
+    table = points([{AMPLITUDE: 0.1}])
+    waves = _mean_waves(harmonics(table, [3.0, 1.0], [4.0, 2.0]))
+    (storage, loss) = waves[table["point"].iloc[0]]
+    assert (storage.tolist(), loss.tolist()) == ([3.0, 1.0], [4.0, 2.0])

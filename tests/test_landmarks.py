@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from shear_sim.landmarks import landmarks
+from shear_sim.aggregate.columns import LANDMARKS
+from shear_sim.landmarks import HALF_LOSS, ONSET, PROMINENCE, SOFTENING, landmarks
 
 HALF_DECADES = np.array([0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
 
@@ -143,3 +144,17 @@ def test_amplitudes_must_be_three_and_increase(strain):
     values = np.ones((len(strain), 1))
     with pytest.raises(ValueError, match="three or more increasing"):
         landmarks(np.array(strain), values, values, values)
+
+
+def test_constants_of_the_definitions_are_those_of_the_tables():
+    assert "90 %" in LANDMARKS["softening"]
+    assert "50 %" in LANDMARKS["half_loss"]
+    assert "1 %" in LANDMARKS["nonlinearity_onset"]
+    assert (SOFTENING, HALF_LOSS, ONSET, PROMINENCE) == (0.9, 0.5, 0.01, 0.1)
+
+
+def test_a_loss_angle_below_minus_90_degrees_is_taken_the_short_way():
+    """δ = 30°, then 190° (G' and G'' both a little below zero): it crosses 45°, once."""
+    angle = np.radians([10.0, 30.0, 190.0])
+    found = of([0.1, 1.0, 10.0], np.cos(angle), np.sin(angle))
+    assert found["yield"][0] == pytest.approx(10 ** (15 / 160))

@@ -48,7 +48,7 @@ def start(environment, *arguments):
 
 def run(environment, *arguments):
     process = start(environment, *arguments)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=300)
     return process.returncode, output
 
 

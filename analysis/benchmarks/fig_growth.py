@@ -5,7 +5,7 @@
 Reads growth.csv of speed.py; measures the machine for the limit (see limit.py).
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import limit
@@ -53,4 +53,8 @@ def draw(table: pd.DataFrame, machine: limit.Machine, stem: Path) -> None:
 
 
 if __name__ == "__main__":
-    draw(pd.read_csv(Path(sys.argv[1]) / "growth.csv"), limit.measure(), Path(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("results", type=Path, help="folder that growth.csv is in")
+    parser.add_argument("stem", type=Path, help="path of the figure, without its ending")
+    given = parser.parse_args()
+    draw(pd.read_csv(given.results / "growth.csv"), limit.measure(), given.stem)

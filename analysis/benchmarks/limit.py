@@ -7,6 +7,7 @@ that are stored one by one where pairs meet discs. Per disc: every array once th
 are those of our method; another method has others.
 """
 
+import argparse
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -133,6 +134,7 @@ def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, flo
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     found = measure()
     for name in ("division", "root", "operation", "store"):
         print(f"{name:10s} {getattr(found, name) * 1e9:6.3f} ns")

@@ -266,8 +266,10 @@ def _methods(tables: "Mapping[str, pd.DataFrame]") -> Iterator[str]:
     if len(tables.get("contrasts", ())):
         yield (
             "<p>Contrasts are ratios between two scenes or values, exponents d ln y/d ln x or "
-            "slopes d ln y/dx. Their p-values are Student's t with the jackknife's error, "
-            "corrected by Holm's method within each family of comparisons.</p>"
+            "slopes d ln y/dx. Their p-values are Student's t with the standard error, "
+            "corrected by Holm's method within each family of comparisons. A bootstrap's interval "
+            "may exclude no effect where p is 0.05 or more: its ends are not those of Student's "
+            "t; p is then the one to go by.</p>"
         )
 
 

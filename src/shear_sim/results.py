@@ -342,6 +342,13 @@ def _refuse_newer(path: Path, summary: Mapping[str, Any]) -> None:
         raise ResultsError(msg)
 
 
+def remove(folder: Path, names: Iterable[str], suffixes: Iterable[str]) -> None:
+    """Remove the files of these names, with each of the suffixes, that ``folder`` holds."""
+    for name in names:
+        for suffix in suffixes:
+            (folder / f"{name}{suffix}").unlink(missing_ok=True)
+
+
 def _warn(damaged: Mapping[str, str]) -> None:
     """Warn of damaged results, given by job id with what is wrong."""
     if damaged:

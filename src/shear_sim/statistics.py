@@ -29,6 +29,9 @@ RESAMPLES = 2999  # 2,000 or more keep the noise of the bounds at 3 % of their d
 #: Below this no bootstrap knows the tails: at 6 replicates of a lognormal it covers 85 % for 95 %.
 SMALLEST_BOOTSTRAP = 10
 
+#: Below this not even Student's t bounds much: its quantiles are 12.7 and 4.3, against 2.0.
+FEWEST = 4
+
 _ROUNDING = 1e-12  # relative spread of resamples that is rounding, not scatter
 
 
@@ -220,6 +223,8 @@ def _student(
     log_errors = _jackknife_error(np.split(np.log(usable), splits, axis=1)[1:], sizes)
     quantile = float(stdtrit(counted - 1, 0.5 + level / 2))
     few = f"fewer than {SMALLEST_BOOTSTRAP} replicates"
+    if counted < FEWEST:
+        few = f"fewer than {FEWEST} replicates: no more than a guess"
     found: list[_Found] = []
     for q, value in enumerate(estimate.tolist()):
         if not finite[q]:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import compress
 from typing import TYPE_CHECKING, Any
 
-from shear_sim.statistics import SMALLEST_BOOTSTRAP
+from shear_sim.statistics import FEWEST, SMALLEST_BOOTSTRAP
 from shear_sim.variation import Variation, by_scene, short_name, variation
 
 if TYPE_CHECKING:
@@ -263,12 +263,20 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
         lines.append(
             f"imported from {about['program']}; G′ and G″ are of the {about['tensor']} tensor"
         )
+    elif about["tensor"] != "periodic" and "curves" in tables:
+        lines.append(f"G′, G″ and all that follows are of the {about['tensor']} tensor alone")
+    if "historical" in tables:
+        lines.append(
+            f"historical estimates of {tables['historical']['job'].nunique():,} runs are in "
+            "tables/historical"
+        )
     if flagged:
         flags = tables["runs"]["flags"].str.split("; ").explode()
         named = [f"{name} {count:,}" for name, count in flags[flags != ""].value_counts().items()]
+        are, count = ("run is", "it counts") if flagged == 1 else ("runs are", "they count")
         lines.append(
-            f"{flagged:,} runs are flagged ({', '.join(named) or 'no result'}; columns flags and "
-            "flagged of tables/runs); they count in"
+            f"{flagged:,} {are} flagged ({', '.join(named) or 'no result'}; columns flags and "
+            f"flagged of tables/runs); {count} in"
         )
     features = tables.get("features")
     if features is not None and len(features):
@@ -278,13 +286,26 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
                 f"{steep:,} of {len(of):,} curves soften before their second amplitude: their "
                 "plateau and softening are those of the smallest amplitude"
             )
+        if late := int(of["storage_modulus_ci_flag"].str.contains("plateau read at").sum()):
+            lines.append(
+                f"{late:,} of {len(of):,} curves begin at a larger amplitude than others: their "
+                "plateau and softening, and contrasts of these, are not those of a first plateau"
+            )
     if orphans := tables["runs"].attrs.get("orphans", 0):
         lines.append(f"{orphans:,} results are of jobs outside the plan; they are not counted")
     weak = sum(
-        int(((points[f"{quantity}_ci_flag"] != "") & (points["n"] > 0)).sum())
+        int(((points[f"{quantity}_ci_flag"] != "") & (points["n"] > 1)).sum())
         for name, points in zip([name for name in _SHOWN if name in tables], found, strict=True)
         for quantity in _SHOWN[name]
     )
+    single = sum(int((points["n"] == 1).sum()) for points in found)
+    if single:
+        lines.append(f"{single:,} points have one replicate, and no intervals")
+    if guessed := sum(int(points["n"].between(2, FEWEST - 1).sum()) for points in found):
+        lines.append(
+            f"{guessed:,} points have fewer than {FEWEST} replicates: their intervals are no more "
+            "than guesses"
+        )
     if weak:
         few = (
             f", most for fewer than {SMALLEST_BOOTSTRAP} replicates"

@@ -18,7 +18,7 @@ opens and closes, with dashpots        1.2     1.1
 What starts from zero, as springs and Coulomb's limit do, only bends where the event is: that costs
 no order. A dashpot jumps to η v_n where discs touch, anywhere in the step: this alone is of first
 order. In packings it is small: the stress error falls at order 2.0 where no contact opens, and at
-1.2 for loose discs at amplitudes of 0.1 to 0.3, from errors that are far below 0.5 % already
+1.4 for loose discs at amplitudes of 0.1 to 0.3, from errors that are far below 0.5 % already
 (analysis/default_steps.py prints both), so that a scheme which finds the instant of every contact
 would buy nothing. The slip of a new contact is counted from where in the step it began to touch.
 """

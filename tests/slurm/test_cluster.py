@@ -1,6 +1,7 @@
 """Studies on a real cluster: submission, requeue, dead nodes; the same bits as without Slurm."""
 
 import os
+import re
 import shutil
 import sys
 import time
@@ -21,7 +22,7 @@ from shear_sim.results import Results
 from shear_sim.tables import read_table
 
 ROOT = Path(__file__).parents[2]
-SECONDS = 90.0
+SECONDS = 300.0  # a busy machine is no reason to fail
 
 
 @pytest.fixture(scope="session")
@@ -161,7 +162,8 @@ def test_warned_and_cancelled_tasks_lose_nothing(cluster, user, tmp_path, fast):
     cluster.ask("scancel", "--signal=USR1", "--batch", task)
     wait_until(lambda: "PENDING" in cluster.queue().get(task, ""), SECONDS)
     code, output = run(user, "status", results.folder)
-    assert (code, f"Slurm: array {array.job}: 1 waiting" in output) == (0, True), output
+    assert code == 0
+    assert re.search(f"Slurm: array {array.job}: 1 (waiting|running|configuring)", output), output
     log = results.logs / f"slurm-{array.job}_0.log"
     assert f"task {task} is requeued and will go on" in log.read_text()
     assert "1 job(s) will go on from checkpoints" in log.read_text()

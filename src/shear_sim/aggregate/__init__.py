@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shear_sim import models
-from shear_sim.aggregate.columns import POINT_TABLES, TENSORS
+from shear_sim.aggregate.columns import OF_TENSOR, POINT_TABLES, TABLES, TENSORS
 from shear_sim.aggregate.contrasts import contrasts_table
 from shear_sim.aggregate.curves import STEADY_QUANTITIES, curves_table, means_table
 from shear_sim.aggregate.estimators import historical_table
 from shear_sim.aggregate.features import features_table, find_curves
 from shear_sim.aggregate.frame import describe_parameter, load, save
 from shear_sim.aggregate.runs import Waves, cycles_table, harmonics_table, labelled, runs_table
-from shear_sim.results import Results, ResultsError, read_job
+from shear_sim.results import Results, ResultsError, read_job, remove
 from shear_sim.rheology import TENSORS as SHEAR_STRESS
 
 if TYPE_CHECKING:
@@ -72,6 +72,9 @@ def aggregate(
 def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: bool) -> None:
     """Write ``tables`` as Parquet and CSV into ``tables/`` (see `save`), and draw the figures.
 
+    Tables and figures that an earlier call has written and this one does not are removed: they
+    would be of other runs. Files of other names are left alone.
+
     Raises
     ------
     ResultsError
@@ -82,10 +85,15 @@ def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: 
         results.tables.mkdir(exist_ok=True)
         for name, table in tables.items():
             save(table, results.tables / name)
+        remove(results.tables, TABLES - tables.keys(), (".parquet", ".csv"))
         if figures:
             from shear_sim.figures import draw
 
             draw(tables, results.figures, _example(results, tables))
+        else:
+            from shear_sim.figures import CAPTIONS
+
+            remove(results.figures, CAPTIONS.keys(), (".png", ".pdf"))
     except OSError as error:
         msg = (
             f"{folder}: the tables and figures cannot be written ({error}): make the folder "
@@ -173,7 +181,11 @@ def make_tables(
         "tensor": tensor,
         "paired": paired,
     }
-    for one in tables.values():
+    for name, one in tables.items():
+        if name in OF_TENSOR:
+            one["tensor"] = tensor
+            one.attrs["units"]["tensor"] = ""
+            one.attrs["descriptions"]["tensor"] = "stress tensor that the moduli are of"
         one.attrs |= about
     return tables
 

@@ -43,6 +43,14 @@ POINT_TABLES = {
     "diametral_compression": "diametral_compression",
 }
 
+#: All tables that `shear_sim.aggregate` may write.
+TABLES = {"runs", "cycles", "harmonics", "historical", "features", "contrasts"} | set(
+    POINT_TABLES.values()
+)
+#: Those that say in a last column ``tensor`` which stress tensor they are of; in ``runs`` it is
+#: that of the harmonics and of all columns whose description names none.
+OF_TENSOR = ("runs", "cycles", "harmonics", "curves", "features", "contrasts")
+
 LABELS = (
     Column("point", "", "id of the point, the same for all its replicates"),
     Column("curve", "", "id of the curve: what is varied, but for the strain amplitude"),

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 
 from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble
-from shear_sim.aggregate.features import FEWEST_AMPLITUDES, Curve, of_means, quantities
+from shear_sim.aggregate.features import (
+    FEWEST_AMPLITUDES,
+    OF_PLATEAU,
+    Curve,
+    late_plateau,
+    of_means,
+    quantities,
+)
 from shear_sim.aggregate.frame import frame
 from shear_sim.aggregate.response import Means
 from shear_sim.models.interface import Column
@@ -79,7 +86,13 @@ def contrasts_table(
     for comparison in find_comparisons(planned, parameters):
         if all(curve in curves for curve in comparison.curves):
             of = [curves[curve] for curve in comparison.curves]
-            rows += compare(comparison, of, paired=paired, seed=seed)
+            found = compare(comparison, of, paired=paired, seed=seed)
+            common = set.intersection(*[set(curve.amplitudes.tolist()) for curve in of])
+            late = late_plateau(min(common, default=0.0), curves)
+            for row in found:
+                if late and row["landmark"] in OF_PLATEAU:
+                    row["ci_flag"] = "; ".join(filter(None, (row["ci_flag"], late)))
+            rows += found
     columns = [*tables.CONTRASTS[:2], *parameters, *tables.CONTRASTS[2:]]
     names = [column.name for column in columns]
     data = pd.DataFrame(rows, columns=names)

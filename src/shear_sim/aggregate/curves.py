@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shear_sim.aggregate import columns as tables
 from shear_sim.aggregate.ensemble import Ensemble, Replicates
-from shear_sim.aggregate.frame import frame
+from shear_sim.aggregate.frame import beside, frame
 from shear_sim.aggregate.response import MAY_BE_LOGARITHMIC, contributions, curve_quantities
 from shear_sim.aggregate.runs import Waves
 from shear_sim.models.interface import Column
@@ -161,7 +161,7 @@ def _points_table(
         *tables.INTERVALS,
     ]
     keys = ["scene", *[parameter.name for parameter in parameters]]
-    return frame(points.assign(**data), names, keys)
+    return frame(beside(points, data), names, keys)
 
 
 def _flag(interval: Interval, count: int, n: int) -> str:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 FEWEST_AMPLITUDES = 3  # of a curve with landmarks
-_OF_PLATEAU = ("low_strain_plateau", "softening", "half_loss")
+#: Landmarks that hang on G' at the smallest amplitude.
+OF_PLATEAU = ("low_strain_plateau", "softening", "half_loss")
 
 
 class Curve(NamedTuple):
@@ -129,7 +130,8 @@ def features_table(
         }
         of_curve = landmark_intervals(found, ensemble, seed=seed)
         about |= {"ci_level": LEVEL, "ci_resamples": RESAMPLES, "ci_seed": seed}
-        rows += [about | _row(name, found, of_curve) for name in tables.LANDMARKS]
+        late = late_plateau(float(found.amplitudes[0]), curves)
+        rows += [about | _row(name, found, of_curve, late) for name in tables.LANDMARKS]
     columns = [
         *tables.FEATURES[:2],
         *kept,
@@ -178,7 +180,15 @@ def landmark_intervals(
     return nested
 
 
-def _row(name: str, curve: Curve, of: Mapping[str, Mapping[str, Interval]]) -> dict[str, Any]:
+def late_plateau(begin: float, curves: Mapping[str, Curve]) -> str:
+    """Return the flag of a plateau read at a larger amplitude than those of other curves, or ""."""
+    least = min(float(curve.amplitudes[0]) for curve in curves.values())
+    return f"plateau read at {begin:g}, others from {least:g} on" if begin > least else ""
+
+
+def _row(
+    name: str, curve: Curve, of: Mapping[str, Mapping[str, Interval]], late: str = ""
+) -> dict[str, Any]:
     """Return what ``features`` says of one landmark."""
     found, strain = of[name], of[name]["strain"]
     smallest, largest = float(curve.amplitudes[0]), float(curve.amplitudes[-1])
@@ -208,12 +218,22 @@ def _row(name: str, curve: Curve, of: Mapping[str, Mapping[str, Interval]]) -> d
             f"{quantity}_ci_method": one.method,
             f"{quantity}_ci_flag": one.flag or "",
         }
-    if name in _OF_PLATEAU and of["softening"]["strain"].estimate < curve.amplitudes[1]:
+    if name in OF_PLATEAU and of["softening"]["strain"].estimate < curve.amplitudes[1]:
         for quantity in found:
             flags = [row[f"{quantity}_ci_flag"], "no plateau: G' softens before the 2nd amplitude"]
             row[f"{quantity}_ci_flag"] = "; ".join(filter(None, flags))
+    if name in OF_PLATEAU and late:
+        for quantity in found:
+            flags = [row[f"{quantity}_ci_flag"], late]
+            row[f"{quantity}_ci_flag"] = "; ".join(filter(None, flags))
     # An end beyond the amplitudes is known to lie there, and no better.
     low, high = row["strain_ci_low"], row["strain_ci_high"]
+    if not censored and strain.method in {"t", "t_log"}:
+        beyond = [low < smallest, high > largest]
+        if any(beyond):
+            flags = [row["strain_ci_flag"], "cut at the smallest or largest amplitude"]
+            row["strain_ci_flag"] = "; ".join(filter(None, flags))
+        low, high = max(low, smallest), min(high, largest)
     row["strain_ci_low"] = {math.inf: largest, -math.inf: 0.0}.get(low, low)
     row["strain_ci_high"] = {-math.inf: smallest}.get(high, high)
     return row

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.aggregate import columns as tables
-from shear_sim.aggregate.frame import frame
+from shear_sim.aggregate.frame import beside, frame
 from shear_sim.large_amplitude import measures
 from shear_sim.models.interface import Column
 from shear_sim.rheology import HARMONICS, LIMITS
@@ -190,7 +190,7 @@ def runs_table(
     known |= {column.name: column for column, _ in listed}
     names = [tables.JOB, *tables.LABELS, *parameters, tables.REPLICATE, *[known[n] for n in data]]
     keys = ["scene", *[parameter.name for parameter in parameters], "replicate"]
-    return frame(found.assign(**data), names, keys)
+    return frame(beside(found, data), names, keys)
 
 
 def _flags(found: "pd.DataFrame", data: "dict[str, pd.Series[Any]]") -> "pd.Series[str]":

@@ -17,6 +17,7 @@ from shear_sim.figures.laws import contact_laws
 from shear_sim.figures.lissajous import lissajous
 from shear_sim.figures.moduli import moduli_with_landmarks
 from shear_sim.figures.quality import has_quality, quality
+from shear_sim.results import remove
 from shear_sim.variation import variation
 
 if TYPE_CHECKING:
@@ -106,9 +107,7 @@ def draw(
     paths: list[Path] = []
     for name, figure in _figures(tables, example):
         paths += style.save(figure, folder / name)
-    for name in CAPTIONS.keys() - {path.stem for path in paths}:
-        for suffix in (".png", ".pdf"):
-            (folder / name).with_suffix(suffix).unlink(missing_ok=True)
+    remove(folder, CAPTIONS.keys() - {path.stem for path in paths}, (".png", ".pdf"))
     return paths
 
 

@@ -545,11 +545,11 @@ def stable(springs: float, dashpots: float) -> float:
     Notes
     -----
     Dashpots are the shorter limit from a relative viscosity of 0.1 on: it takes 4 to 16 times as
-    many substeps at 0.3 to 1. To treat them apart does not pay. Exact exponentials, pair by pair,
-    need h of 0.0175 τ for 0.5 % of the dissipation at 1 (75 % error at 0.2 τ), where (M.1) to (M.4)
-    are stable to 0.03 τ. Solving for all at once takes 3 to 5 products with their matrix, each half
-    as dear as the forces: half the time at 0.6 to 1, but more than now at the usual 0.1, and
-    Coulomb's bound, which includes the dashpots, would have to be found in the same solution.
+    many substeps at 0.3 to 1. They could be treated apart. Exact exponentials, pair by pair, split
+    what many contacts do to one disc at once, and so need steps about as short for the same
+    dissipation. Solving for all at once takes several products with their matrix in each step:
+    less time at 0.6 to 1, perhaps, but more than now at the usual 0.1, and Coulomb's bound, which
+    includes the dashpots, would have to be found in the same solution.
     """
     loss = 1.0 / dashpots
     return float(2.0 / (loss + np.sqrt(loss * loss + 4.0 / springs**2)))

@@ -251,10 +251,10 @@ def draw(path: str, results: dict[str, Result], packed: Packed) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("particles", type=int)
-    parser.add_argument("figure")
+    parser.add_argument("rings", type=int, help="number of particles")
+    parser.add_argument("figure", help="path of the figure")
     given = parser.parse_args()
-    packed = packed_discs(given.particles, seed=1)
+    packed = packed_discs(given.rings, seed=1)
     area = np.pi * (packed.radius**2).sum() / packed.width / packed.height
     print(
         f"# Compaction of {len(packed.radius)} rings, from discs of packing fraction {area:.3f}\n"
@@ -265,8 +265,8 @@ def main() -> None:
     )
     print("| --- " * 14 + "|")
     results = {}
-    for name, parameters in SETS.items():
-        results[name] = compact(packed, **parameters)
+    for name, options in SETS.items():
+        results[name] = compact(packed, **options)
         report(name, results[name])
     draw(given.figure, results, packed)
 

@@ -253,15 +253,15 @@ def draw(path: str, runs: dict[str, Run]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("figure")
-    given = parser.parse_args()
+    parser.add_argument("figure", help="path of the figure")
+    figure = parser.parse_args().figure
     runs = {"elastic": compress(0.5, 0.0025, 200, unload=True)}
     print("# A ring between two plates")
     elastic(runs["elastic"])
     runs["η = 1"] = core(1.0)
     runs["η = 100"] = core(100.0)
     runs["plastic"] = plastic()
-    draw(given.figure, runs)
+    draw(figure, runs)
 
 
 if __name__ == "__main__":

@@ -262,9 +262,9 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     if done < planned:
         lines[0] = f"PARTIAL STUDY: {lines[0]} ({failed:,} failed, {missing:,} not yet run)"
     if damaged:
-        named = ", ".join(damaged[:_NAMED]) + (", ..." if len(damaged) > _NAMED else "")
+        first = ", ".join(damaged[:_NAMED]) + (", ..." if len(damaged) > _NAMED else "")
         lines.append(
-            f"{len(damaged):,} results are damaged and left out ({named}): `shear-sim verify` says "
+            f"{len(damaged):,} results are damaged and left out ({first}): `shear-sim verify` says "
             "how, and can have them run again"
         )
     if about.get("program", "shear-sim") != "shear-sim":

@@ -123,7 +123,8 @@ def make_tables(
         By the names in `columns`: those of an oscillatory study, or of the other kinds of shear.
         In ``attrs``: ``units`` and ``descriptions`` of the columns, ``study``, ``done`` and
         ``planned`` jobs, ``orphans`` (results of jobs outside the plan, not counted), ``damaged``
-        (jobs whose results cannot be read), ``tensor``, ``paired``, ``program`` (that made the runs).
+        (jobs whose results cannot be read), ``tensor``, ``paired``, ``program`` (that made the
+        runs).
 
     Raises
     ------

@@ -7,6 +7,7 @@ cores, dashpots and four walls: half of the vertices touch another ring. Times a
 least of five of 300 steps each; with and without friction and links side by side.
 """
 
+import argparse
 import time
 from collections.abc import Callable
 
@@ -65,6 +66,7 @@ def least(call: Callable[[], object], vertices: int, calls: int = 1) -> float:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     print("| | step, all in all | shells | contacts | walls | links | kicks and moves | lists |")
     print("| --- " * 8 + "|")
     for name, friction, linked, damped in (

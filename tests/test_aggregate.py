@@ -235,6 +235,19 @@ def test_nothing_finished_yet(tmp_path):
     assert not list(results.figures.iterdir())
 
 
+def test_damaged_results_are_named_and_not_called_missing(tmp_path):
+    results = make(tmp_path, STUDY.replace("replicates: 11", "replicates: 2"))
+    bad = sorted(results.finished())[3:5]
+    for job in bad:
+        results.job_file(job).write_bytes(b"PAR1 and no more")
+    with pytest.warns(RuntimeWarning, match=bad[0]):
+        tables = aggregate(results.folder, figures=False)
+    assert tables["runs"].attrs["damaged"] == bad
+    text = printed(tables)
+    assert "PARTIAL STUDY: 14 of 16 runs (0 failed, 0 not yet run)" in text
+    assert f"2 results are damaged and left out ({bad[0]}, {bad[1]})" in text
+
+
 def test_results_outside_the_plan_are_counted_but_not_counted_in(tmp_path):
     """The study file loses an amplitude; its results stay on the disk."""
     fewer = STUDY.replace("replicates: 11", "replicates: 2")

@@ -9,7 +9,7 @@ from scipy import stats
 
 PROGRAM = runpy.run_path(str(Path(__file__).parents[1] / "analysis" / "interval_coverage.py"))
 STUDIES = 25
-#: Coverage of 1,000 studies, found by the program, for t (6 replicates) and BCa (12).
+#: Coverage found by the program, for t (6 replicates) and BCa (12).
 FOUND = {6: 0.95, 12: 0.90}
 
 

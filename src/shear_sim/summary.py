@@ -17,6 +17,7 @@ MOST_ROWS = 30
 WORDS = {"scene", "with", "what", "of"}  # headings of columns that hold no numbers
 _PLAIN_WIDTH = 240  # of a line where the output is no terminal: it is cut by nobody
 #: Tables with a row per point, and what of them is shown.
+_NAMED = 5  # damaged results
 _SHOWN = {
     "curves": {"storage_modulus": "G′", "loss_modulus": "G″"},
     "steady": {"shear_stress": "τ", "viscosity": "η"},
@@ -254,11 +255,18 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
         sum(int(points[name].sum()) for points in found)
         for name in ("replicates", "planned", "failed", "flagged")
     )
-    missing = planned - done - failed
+    about = tables["runs"].attrs
+    damaged = about["damaged"]
+    missing = planned - done - failed - len(damaged)
     lines = [f"{done:,} of {planned:,} runs"]
     if done < planned:
         lines[0] = f"PARTIAL STUDY: {lines[0]} ({failed:,} failed, {missing:,} not yet run)"
-    about = tables["runs"].attrs
+    if damaged:
+        first = ", ".join(damaged[:_NAMED]) + (", ..." if len(damaged) > _NAMED else "")
+        lines.append(
+            f"{len(damaged):,} results are damaged and left out ({first}): `shear-sim verify` says "
+            "how, and can have them run again"
+        )
     if about.get("program", "shear-sim") != "shear-sim":
         lines.append(
             f"imported from {about['program']}; G′ and G″ are of the {about['tensor']} tensor"

@@ -122,8 +122,9 @@ def make_tables(
     dict of DataFrame
         By the names in `columns`: those of an oscillatory study, or of the other kinds of shear.
         In ``attrs``: ``units`` and ``descriptions`` of the columns, ``study``, ``done`` and
-        ``planned`` jobs, ``orphans`` (results of jobs outside the plan, not counted), ``tensor``,
-        ``paired``, ``program`` (that made the runs).
+        ``planned`` jobs, ``orphans`` (results of jobs outside the plan, not counted), ``damaged``
+        (jobs whose results cannot be read), ``tensor``, ``paired``, ``program`` (that made the
+        runs).
 
     Raises
     ------
@@ -178,6 +179,7 @@ def make_tables(
         "done": len(runs),
         "planned": len(planned),
         "orphans": index.num_rows - len(runs),
+        "damaged": sorted(set(planned["job"]) & results.finished() - set(facts["job"])),
         "tensor": tensor,
         "paired": paired,
     }

@@ -246,8 +246,8 @@ def describe(layout: Layout, arrays: int) -> str:
     """Return in one line what will be submitted."""
     expected = "not measured" if layout.seconds is None else f"at most {duration(layout.seconds)}"
     line = (
-        f"  {len(layout.tasks)} task(s) in {arrays} array(s) for {layout.jobs} jobs: {expected} "
-        f"expected, limit {duration(60 * layout.minutes)}, {layout.memory_mb} MB each"
+        f"  {len(layout.tasks)} task(s) in {arrays} array(s) for {layout.jobs} jobs: {expected}, "
+        f"limit {duration(60 * layout.minutes)}, {layout.memory_mb} MB each"
     )
     if layout.seconds is not None and layout.seconds > 60 * layout.minutes - START_SECONDS:
         line += "; longer than the limit: tasks will be requeued and go on"

@@ -397,13 +397,16 @@ def test_quality_without_any_measure_is_refused():
 def test_contact_laws_in_micrometres_and_millinewtons():
     compression = np.linspace(0, 2e-5, 5)
     table = pd.concat(
-        pd.DataFrame({"law": law, "compression": compression, "force": k * compression})
-        for law, k in (("soft", 1e3), ("hard", 4e3))
+        pd.DataFrame(
+            {"law": law, "of_study": own, "compression": compression, "force": k * compression}
+        )
+        for law, k, own in (("soft", 1e3, True), ("hard", 4e3, False))
     )
     (axis,) = contact_laws(table).axes
     soft, hard = axis.get_lines()
     assert soft.get_xdata() == pytest.approx([0, 5, 10, 15, 20])
     assert hard.get_ydata() == pytest.approx([0, 20, 40, 60, 80])
+    assert soft.get_linewidth() > 2 * hard.get_linewidth()
     assert axis.get_xlabel() == r"compression $\Delta x$ [µm]"
     assert axis.get_ylabel() == "force per depth $F/L$ [mN/m]"
 

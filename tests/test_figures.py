@@ -269,8 +269,23 @@ def test_moduli_of_each_curve_with_their_landmarks():
     bars = [c.get_segments() for c in first.collections if isinstance(c, LineCollection)]
     ends = sorted(tuple(bar[0][:, 0]) for bar in bars if len(bar) == 1)
     assert ends == [pytest.approx((0.9 * x, 1.1 * x)) for x in (0.01, 0.02, 0.2)]
+    # Each bar at a height of its own: they could be told apart even if all had the same ends.
+    single = [
+        c for c in first.collections if isinstance(c, LineCollection) and len(c.get_segments()) == 1
+    ]
+    heights = {round(c.get_transform().transform((0.1, 0))[1], 3) for c in single}
+    assert len(heights) == 3
     # Beyond the amplitudes at μ = 1: no mark.
     assert "peak of $G''$" not in {line.get_label() for line in figure.axes[2].get_lines()}
+
+
+def test_methods_of_the_intervals_of_landmarks_are_those_of_the_marks_drawn():
+    table = main_study()
+    found = features(table, softening_at_friction)
+    found["strain_ci_method"] = np.where(found["landmark"] == "yield", "percentile", "BCa")
+    found.loc[found["censored"] != "", "strain_ci_method"] = "t"  # not drawn
+    heading = " ".join(moduli_with_landmarks(table, found).get_suptitle().split())
+    assert "intervals of the strain of landmarks (BCa, percentile)" in heading
 
 
 def test_too_many_curves_for_a_page_are_thinned_and_counted():

@@ -199,7 +199,9 @@ def _contact_laws(kinds: "list[str]", runs: "pd.DataFrame") -> "pd.DataFrame | N
     """Return the contact laws of the first model that has such laws and finished runs."""
     for kind in kinds:
         curves = getattr(models.model(kind), "contact_laws", None)
-        of_kind = runs[runs["model.kind"] == kind] if curves else runs[:0]
+        if curves is None:
+            continue
+        of_kind = runs[runs["model.kind"] == kind]
         if len(of_kind):
             data, note = curves(of_kind)
             table = frame(data, CONTACT_LAWS)

@@ -45,7 +45,8 @@ CAPTIONS = {
     "means over replicates, bands their intervals.",
     "moduli_with_landmarks": "G′ and G″ of each curve, with its landmarks: where G′ has fallen by "
     "10 % (softening), the first peak of G″, the plateau that may follow, the last crossing of G′ "
-    "and G″ (yield), and where I₃/I₁ exceeds 1 %. Bars are intervals of their strain.",
+    "and G″ (yield), and where I₃/I₁ exceeds 1 %. Bars at the foot are intervals of their "
+    "strain, in the colour of the modulus on which they are marked.",
     "moduli_branches": "G′ and G″ against each of the other parameters, all others held.",
     "landmarks": "Strain, storage modulus and stress of the landmarks.",
     "landmarks_branches": "The same against each of the other parameters, all others held.",

@@ -7,11 +7,10 @@ import argparse
 import math
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from shear_sim.figures import contact_laws, style
-from shear_sim.models.microgel.laws import law_of
+from shear_sim.models.microgel.law_curves import force_curve
 from shear_sim.models.microgel.parameters import DivergentLaw, HertzLaw, LinearLaw, PlateauLaw
 
 RADIUS, YOUNG_MODULUS = 10e-6, 8000.0
@@ -25,14 +24,11 @@ LAWS = {
 
 def table() -> pd.DataFrame:
     """Return the force of each law at each compression."""
-    compression = np.linspace(0, 2 * RADIUS, 400)
     k = math.pi * YOUNG_MODULUS / 8
-    parts = []
-    for name, section in LAWS.items():
-        law, p = law_of(section)
-        force = [-law(2 * RADIUS - x, 2 * RADIUS, k, p) for x in compression]
-        parts.append(pd.DataFrame({"law": name, "compression": compression, "force": force}))
-    return pd.concat(parts)
+    return pd.concat(
+        pd.DataFrame({"law": name, "of_study": True} | force_curve(section, 2 * RADIUS, k))
+        for name, section in LAWS.items()
+    )
 
 
 def main() -> None:

@@ -269,8 +269,23 @@ def test_moduli_of_each_curve_with_their_landmarks():
     bars = [c.get_segments() for c in first.collections if isinstance(c, LineCollection)]
     ends = sorted(tuple(bar[0][:, 0]) for bar in bars if len(bar) == 1)
     assert ends == [pytest.approx((0.9 * x, 1.1 * x)) for x in (0.01, 0.02, 0.2)]
+    # Each bar at a height of its own: they could be told apart even if all had the same ends.
+    single = [
+        c for c in first.collections if isinstance(c, LineCollection) and len(c.get_segments()) == 1
+    ]
+    heights = {round(c.get_transform().transform((0.1, 0))[1], 3) for c in single}
+    assert len(heights) == 3
     # Beyond the amplitudes at μ = 1: no mark.
     assert "peak of $G''$" not in {line.get_label() for line in figure.axes[2].get_lines()}
+
+
+def test_methods_of_the_intervals_of_landmarks_are_those_of_the_marks_drawn():
+    table = main_study()
+    found = features(table, softening_at_friction)
+    found["strain_ci_method"] = np.where(found["landmark"] == "yield", "percentile", "BCa")
+    found.loc[found["censored"] != "", "strain_ci_method"] = "t"  # not drawn
+    heading = " ".join(moduli_with_landmarks(table, found).get_suptitle().split())
+    assert "intervals of the strain of landmarks (BCa, percentile)" in heading
 
 
 def test_too_many_curves_for_a_page_are_thinned_and_counted():
@@ -397,13 +412,16 @@ def test_quality_without_any_measure_is_refused():
 def test_contact_laws_in_micrometres_and_millinewtons():
     compression = np.linspace(0, 2e-5, 5)
     table = pd.concat(
-        pd.DataFrame({"law": law, "compression": compression, "force": k * compression})
-        for law, k in (("soft", 1e3), ("hard", 4e3))
+        pd.DataFrame(
+            {"law": law, "of_study": own, "compression": compression, "force": k * compression}
+        )
+        for law, k, own in (("soft", 1e3, True), ("hard", 4e3, False))
     )
     (axis,) = contact_laws(table).axes
     soft, hard = axis.get_lines()
     assert soft.get_xdata() == pytest.approx([0, 5, 10, 15, 20])
     assert hard.get_ydata() == pytest.approx([0, 20, 40, 60, 80])
+    assert soft.get_linewidth() > 2 * hard.get_linewidth()
     assert axis.get_xlabel() == r"compression $\Delta x$ [µm]"
     assert axis.get_ylabel() == "force per depth $F/L$ [mN/m]"
 

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shear_sim import models
-from shear_sim.aggregate.columns import OF_TENSOR, POINT_TABLES, TABLES, TENSORS
+from shear_sim.aggregate.columns import CONTACT_LAWS, OF_TENSOR, POINT_TABLES, TABLES, TENSORS
 from shear_sim.aggregate.contrasts import contrasts_table
 from shear_sim.aggregate.curves import STEADY_QUANTITIES, curves_table, means_table
 from shear_sim.aggregate.estimators import historical_table
 from shear_sim.aggregate.features import features_table, find_curves
-from shear_sim.aggregate.frame import describe_parameter, load, save
+from shear_sim.aggregate.frame import describe_parameter, frame, load, save
 from shear_sim.aggregate.runs import Waves, cycles_table, harmonics_table, labelled, runs_table
 from shear_sim.results import Results, ResultsError, read_job, remove
 from shear_sim.rheology import TENSORS as SHEAR_STRESS
@@ -173,6 +173,9 @@ def make_tables(
             )
     if historical:
         tables["historical"] = historical_table(results, runs)
+    counted = facts[facts["job"].isin(runs["job"])]
+    if (laws := _contact_laws(study["models"], counted)) is not None:
+        tables["contact_laws"] = laws
     about = {
         "study": study["study"],
         "program": study.get("program", "shear-sim"),
@@ -190,6 +193,21 @@ def make_tables(
             one.attrs["descriptions"]["tensor"] = "stress tensor that the moduli are of"
         one.attrs |= about
     return tables
+
+
+def _contact_laws(kinds: "list[str]", runs: "pd.DataFrame") -> "pd.DataFrame | None":
+    """Return the contact laws of the first model that has such laws and finished runs."""
+    for kind in kinds:
+        curves = getattr(models.model(kind), "contact_laws", None)
+        if curves is None:
+            continue
+        of_kind = runs[runs["model.kind"] == kind]
+        if len(of_kind):
+            data, note = curves(of_kind)
+            table = frame(data, CONTACT_LAWS)
+            table.attrs["note"] = note
+            return table
+    return None
 
 
 def _scene_order(study_file: Path) -> list[str]:

@@ -16,13 +16,15 @@ table                      one row per                          joins by
 ``body_force``             point of the plan, under a force     ``point``
 ``stages``                 point of the plan, driven in stages  ``point``
 ``diametral_compression``  point of the plan, between plates    ``point``
+``contact_laws``           compression of a pair, law
 =========================  ===================================  =============================
 
 A *point* is all replicates of one set of parameters, a *curve* all points that differ in the
 strain amplitude alone. Varied parameters are columns of ``runs``, ``curves``, ``features`` and
 ``contrasts`` under their dotted keys of the study file; no other column has a dot. ``scene`` is
 sorted as in the study file. What a model measures by itself (`MEASURED` of
-`shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the last five.
+`shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the tables from
+``steady`` to ``diametral_compression``.
 
 In ``curves`` everything is of the *mean response*: the harmonics of the runs are averaged over
 replicates first, and ratios such as tan δ and I3/I1 are formed after (see `response`). The mean of
@@ -44,12 +46,20 @@ POINT_TABLES = {
 }
 
 #: All tables that `shear_sim.aggregate` may write.
-TABLES = {"runs", "cycles", "harmonics", "historical", "features", "contrasts"} | set(
-    POINT_TABLES.values()
-)
+TABLES = {
+    "runs", "cycles", "harmonics", "historical", "features", "contrasts", "contact_laws",
+    *POINT_TABLES.values(),
+}  # fmt: skip
 #: Those that say in a last column ``tensor`` which stress tensor they are of; in ``runs`` it is
 #: that of the harmonics and of all columns whose description names none.
 OF_TENSOR = ("runs", "cycles", "harmonics", "curves", "features", "contrasts")
+
+CONTACT_LAWS = (
+    Column("law", "", "kind of contact law, with its parameters"),
+    Column("of_study", "", "whether the study uses it; the others are there to compare"),
+    Column("compression", "m", "compression D - d of two discs"),
+    Column("force", "N/m", "repulsive force per metre of depth"),
+)
 
 LABELS = (
     Column("point", "", "id of the point, the same for all its replicates"),

@@ -45,7 +45,8 @@ CAPTIONS = {
     "means over replicates, bands their intervals.",
     "moduli_with_landmarks": "G′ and G″ of each curve, with its landmarks: where G′ has fallen by "
     "10 % (softening), the first peak of G″, the plateau that may follow, the last crossing of G′ "
-    "and G″ (yield), and where I₃/I₁ exceeds 1 %. Bars are intervals of their strain.",
+    "and G″ (yield), and where I₃/I₁ exceeds 1 %. Bars at the foot are intervals of their "
+    "strain, in the colour of the modulus on which they are marked.",
     "moduli_branches": "G′ and G″ against each of the other parameters, all others held.",
     "landmarks": "Strain, storage modulus and stress of the landmarks.",
     "landmarks_branches": "The same against each of the other parameters, all others held.",
@@ -67,6 +68,8 @@ CAPTIONS = {
     "self_propelled": "Speed beside the flow and contacts per disc of self-propelled discs.",
     "self_propelled_branches": "The same against each of the other parameters, all others held.",
     "example": "One run: strain and shear stress against time, and the loops of its periods.",
+    "contact_laws": "Contact laws: repulsive force per metre of depth against the compression of "
+    "two discs. Thick: laws of this study; thin: others, to compare.",
     "quality": "Quality of every run. Shaded: beyond the limits; such runs are flagged, and count "
     "in all the same.",
 }
@@ -139,5 +142,8 @@ def _figures(
             yield "landmarks_branches", landmarks(features, parameters[1:])
         yield "lissajous_elastic", lissajous(points, tables["harmonics"], "elastic")
         yield "lissajous_viscous", lissajous(points, tables["harmonics"], "viscous")
+    if "contact_laws" in tables:
+        laws = tables["contact_laws"]
+        yield "contact_laws", contact_laws(laws, laws.attrs["note"], style.partial_note(laws))
     if has_quality(tables["runs"]):
         yield "quality", quality(tables["runs"])

@@ -11,22 +11,25 @@ if TYPE_CHECKING:
 _LINES = ("-", "--", "-.", ":")
 
 
-def contact_laws(table: "pd.DataFrame") -> "Figure":
+def contact_laws(table: "pd.DataFrame", *notes: str) -> "Figure":
     """Draw the repulsive force of contact laws against how far two discs are pressed together.
 
     Parameters
     ----------
     table : DataFrame
-        ``law`` (a line each, in the order of the table), ``compression`` [m] and ``force``, per
-        metre of depth [N/m].
+        ``law`` (a line each, in the order of the table), ``of_study`` (drawn thick),
+        ``compression`` [m] and ``force``, per metre of depth [N/m].
+    *notes : str
+        Lines above the figure: of which discs the forces are, how much of the study is there.
     """
-    with style.figure(style.SINGLE, 3.1) as figure:
+    with style.figure(style.SINGLE, 3.4) as figure:
         axis = figure.subplots()
         laws = table.groupby("law", sort=False)
         for turn, (law, line) in enumerate(laws):
             axis.plot(
                 line["compression"] * 1e6, line["force"] * 1e3, linestyle=_LINES[turn % 4],
                 color=style.UNORDERED[turn % len(style.UNORDERED)], label=law,
+                linewidth=2.2 if line["of_study"].all() else 0.9,
             )  # fmt: skip
         axis.set_xlabel(r"compression $\Delta x$ [µm]")
         axis.set_ylabel("force per depth $F/L$ [mN/m]")
@@ -35,4 +38,5 @@ def contact_laws(table: "pd.DataFrame") -> "Figure":
         within = table["compression"] <= 0.8 * table["compression"].max()
         axis.set_ylim(0, 1.2e3 * float(table.loc[within, "force"].max()))
         figure.legend(loc="outside lower center", ncols=2, columnspacing=1.2)
+        style.note(figure, *notes)
     return figure

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 _MODULI = {"storage_modulus": (style.STORAGE, "o"), "loss_modulus": (style.LOSS, "s")}
 _MOST_ACROSS, _MOST_ROWS = 5, 6
+# The line begins at the low-strain plateau anyway.
+_MARKED = [name for name in LANDMARKS if name != "low_strain_plateau"]
+_LOWEST_BAR, _NEXT_BAR = 4.0, 4.5  # points above the foot of the panel: intervals of landmarks
 
 
 def moduli_with_landmarks(
@@ -27,9 +30,10 @@ def moduli_with_landmarks(
     """Draw G' and G'' against the strain amplitude: a panel per scene and friction.
 
     Lines are means over replicates, bands their intervals; black marks are landmarks, with the
-    interval of their strain. All parameters beside the strain amplitude and the friction (or the
-    parameter that takes its place, see `shear_sim.variation.variation`) stand at their reference.
-    Where there are more values than a page has room for, some are left out, evenly.
+    intervals of their strain at the foot, each in the colour of the modulus it is marked on. All
+    parameters beside the strain amplitude and the friction (or the parameter that takes its place,
+    see `shear_sim.variation.variation`) stand at their reference. Where there are more values than
+    a page has room for, some are left out, evenly.
 
     Parameters
     ----------
@@ -43,6 +47,8 @@ def moduli_with_landmarks(
     ValueError
         If the points form no curves over the strain amplitude (see `has_curves`).
     """
+    import pandas as pd
+
     table, key = curve_table(points)
     scenes = list(dict.fromkeys(table["scene"]))
     values: list[Any] = [None] if key is None else in_order(table[key])
@@ -57,6 +63,8 @@ def moduli_with_landmarks(
         if len(part := _part(table, scene, key, value))
     ]
     marks = _by_curve(features)
+    drawn = [found for of_curve in marks.values() for found in of_curve]
+    how = style.methods(pd.DataFrame(drawn), ["strain"]) if drawn else ""
     with style.small_multiples(len(parts), across) as (figure, axes):
         style.scale_x(axes[0], table[AMPLITUDE])
         foot = style.scale_y(axes[0], table, list(_MODULI))
@@ -75,6 +83,7 @@ def moduli_with_landmarks(
         style.note(
             figure,
             style.intervals_note(points, list(_MODULI)),
+            f"at the foot: intervals of the strain of landmarks ({how})" if how else "",
             style.tensor_note(points),
             style.left_out_note(key, shown, values),
             style.partial_note(points),
@@ -114,26 +123,35 @@ def _by_curve(features: "pd.DataFrame | None") -> dict[str, list[Mapping[Any, An
     """Return the landmarks inside the range of the amplitudes, by curve."""
     found: dict[str, list[Mapping[Any, Any]]] = {}
     if features is not None:
-        # The line begins at the low-strain plateau anyway.
-        shown = [name for name in LANDMARKS if name != "low_strain_plateau"]
-        kept = features[(features["censored"] == "") & features["landmark"].isin(shown)]
+        kept = features[(features["censored"] == "") & features["landmark"].isin(_MARKED)]
         for row in kept.to_dict("records"):
             found.setdefault(row["curve"], []).append(row)
     return found
 
 
 def _landmark(axis: "Axes", found: Mapping[Any, Any]) -> None:
-    """Mark a landmark, with the interval of its strain."""
+    """Mark a landmark on its curve, and the interval of its strain at the foot of the panel."""
+    from matplotlib.transforms import ScaledTranslation
+
     quantity, _, marker, text = LANDMARKS[found["landmark"]]
-    if not found[quantity] > 0:
+    figure = axis.get_figure(root=True)
+    if not found[quantity] > 0 or figure is None:
         return
-    axis.hlines(
-        found[quantity], found["strain_ci_low"], found["strain_ci_high"],
-        color="k", linewidth=0.8, zorder=4,
-    )  # fmt: skip
     axis.plot(
         found["strain"], found[quantity], linestyle="none", zorder=5, label=text,
         **style.mark_style(marker),
+    )  # fmt: skip
+    # On the curve, bars of several landmarks would lie on one another and on the curve itself.
+    height = _LOWEST_BAR + _NEXT_BAR * _MARKED.index(found["landmark"])
+    shift = ScaledTranslation(0, height / 72, figure.dpi_scale_trans)
+    foot = axis.get_xaxis_transform() + shift
+    axis.hlines(
+        0.0, found["strain_ci_low"], found["strain_ci_high"], color=_MODULI[quantity][0],
+        linewidth=1.6, zorder=4, transform=foot,
+    )  # fmt: skip
+    axis.scatter(
+        found["strain"], 0.0, s=14 if marker == "*" else 7, color="k", marker=marker,
+        linewidths=1.0 if marker == "|" else 0.0, zorder=5, transform=foot,
     )  # fmt: skip
 
 

@@ -260,13 +260,17 @@ def intervals_note(points: "pd.DataFrame", quantities: Sequence[str]) -> str:
     number = f"{few} replicate{'' if few == many == 1 else 's'}"
     if few < many:
         number = f"{few} to {many} replicates"
-    methods = {m for q in quantities for m in points[f"{q}_ci_method"].dropna().unique()}
-    methods -= {"", "none", "equal"}
-    if not methods:
+    how = methods(points, quantities)
+    if not how:
         return f"{number}, no intervals"
     level = float(points["ci_level"].iloc[0])
-    how = ", ".join(_METHODS.get(method, method) for method in sorted(methods))
     return f"{number}; {level:.0%} intervals ({how})"
+
+
+def methods(points: "pd.DataFrame", quantities: Sequence[str]) -> str:
+    """Return the methods of the intervals of some quantities in words, nothing without any."""
+    found = {m for q in quantities for m in points[f"{q}_ci_method"].dropna().unique()}
+    return ", ".join(_METHODS.get(m, m) for m in sorted(found - {"", "none", "equal"}))
 
 
 def is_wide(values: "pd.Series[Any]") -> bool:

@@ -135,7 +135,12 @@ class Point(Section):
 
 
 class Model(Protocol):
-    """What a model package exports (``shear_sim.models.<kind>``)."""
+    """What a model package exports (``shear_sim.models.<kind>``).
+
+    Where it applies also ``prepare``, see :class:`Prepared`, and ``contact_laws``: a function that
+    takes the index of finished runs and returns a frame of ``law``, ``of_study``, ``compression``
+    [m] and ``force`` [N/m] with a note on it.
+    """
 
     POINT: type[Point]
     PHYSICS_VERSION: int  # raised with any change of numbers: part of every job id

@@ -7,6 +7,7 @@ Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``si
 from collections.abc import Sequence
 
 from shear_sim.models.interface import Prepared, Simulation
+from shear_sim.models.microgel.law_curves import contact_laws
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
 from shear_sim.streams import Streams
@@ -22,6 +23,7 @@ __all__ = [
     "PHYSICS_VERSION",
     "POINT",
     "compile_for",
+    "contact_laws",
     "derive",
     "prepare",
     "start",

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
 _MOST_ACROSS = 5  # panels side by side
 _WIDE = 3  # more panels than this side by side are narrower than a label
+_APART = 0.075  # inches beside such panels: the labels at the ends of two axes must not read as one
 _HIGH = 1.7  # inches: rows less high are shorter than a label
 _SCENES = ("-", "--", ":", "-.")
 FOOT_MARK = r"$\downarrow$"
@@ -72,6 +73,8 @@ def grid(
     high = min(1.95, max((style.PAGE - 1.0) / rows, 1.3))
     hidden = 0
     with style.figure(width, high * rows + 0.9) as figure:
+        if across > _WIDE and (layout := figure.get_layout_engine()) is not None:
+            layout.set(w_pad=_APART)  # type: ignore[call-arg]
         axes = figure.subplots(rows, across, squeeze=False)
         firsts = axes[: len(quantities), 0]
         own = [

@@ -108,7 +108,8 @@ def test_a_mean_that_is_not_positive_is_marked_at_the_foot_and_counted():
     assert "arrows at the foot: 0 or below (1)" in figure.get_suptitle()
 
 
-def test_an_interval_that_reaches_zero_is_cut_at_the_foot():
+def test_an_interval_that_reaches_zero_is_a_thin_bar_down_to_the_foot():
+    """As a band it would be a wedge from the neighbour's mean to the foot of the panel."""
     table = points(
         [
             {"shear.strain_amplitude": a, "storage_modulus": g, "storage_modulus_ci_low": low}
@@ -116,11 +117,18 @@ def test_an_interval_that_reaches_zero_is_cut_at_the_foot():
         ]
     )
     (axis,) = curves(table, ("storage_modulus",)).axes
-    (band,) = axis.collections[:1]
-    corners = band.get_paths()[0].vertices
     foot = axis.get_ylim()[0]
-    assert corners[corners[:, 0] == 1.0][:, 1].min() == pytest.approx(0.99 * foot)
     assert foot > 0
+    (bar,) = [
+        segment
+        for c in axis.collections
+        if isinstance(c, LineCollection)
+        for segment in c.get_segments()
+    ]
+    high = table["storage_modulus_ci_high"].iloc[2]
+    assert bar == pytest.approx(np.array([[1.0, 0.99 * foot], [1.0, high]]))
+    (band,) = [c for c in axis.collections if not isinstance(c, LineCollection)]
+    assert set(band.get_paths()[0].vertices[:, 0]) == {0.01, 0.1}
 
 
 def test_a_point_without_an_interval_has_no_band():

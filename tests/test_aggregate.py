@@ -280,6 +280,17 @@ def test_an_example_is_drawn_even_where_every_run_is_flagged(tmp_path):
     assert (results.figures / "example.png").exists()
 
 
+def test_the_example_is_the_run_at_the_middle_of_all_parameters(whole, tables):
+    """Of the amplitudes first; viscosity varies at 0.2 alone, by 2 and 8 beside the model's 5."""
+    runs = tables["runs"].sort_values("model.viscosity").copy()
+    runs["flagged"] = False
+    title = module._example(whole, {"runs": runs})["title"]
+    job, _, words = title.removeprefix("job ").partition(": ")
+    assert words == "stiff, modulus 400 Pa, viscosity 5 Pa s, strain amplitude 0.2"
+    point = runs.set_index("job").loc[job]
+    assert (point["model.viscosity"], point["shear.strain_amplitude"]) == (5.0, 0.2)
+
+
 def test_flagged_runs_are_counted_in_and_counted(tmp_path):
     """Noise of 2 Pa at rest is more than a tenth of a stress amplitude of 4 Pa."""
     text = STUDY.replace("[0.1, 0.2, 0.4]", "[0.01, 0.4]").replace("11", "3")

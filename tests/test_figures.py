@@ -1,5 +1,7 @@
 """What the figures show, read back from their artists; how they look is for the eye."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -106,7 +108,8 @@ def test_a_mean_that_is_not_positive_is_marked_at_the_foot_and_counted():
     assert "arrows at the foot: 0 or below (1)" in figure.get_suptitle()
 
 
-def test_an_interval_that_reaches_zero_is_cut_at_the_foot():
+def test_an_interval_that_reaches_zero_is_a_thin_bar_down_to_the_foot():
+    """As a band it would be a wedge from the neighbour's mean to the foot of the panel."""
     table = points(
         [
             {"shear.strain_amplitude": a, "storage_modulus": g, "storage_modulus_ci_low": low}
@@ -114,11 +117,18 @@ def test_an_interval_that_reaches_zero_is_cut_at_the_foot():
         ]
     )
     (axis,) = curves(table, ("storage_modulus",)).axes
-    (band,) = axis.collections[:1]
-    corners = band.get_paths()[0].vertices
     foot = axis.get_ylim()[0]
-    assert corners[corners[:, 0] == 1.0][:, 1].min() == pytest.approx(0.99 * foot)
     assert foot > 0
+    (bar,) = [
+        segment
+        for c in axis.collections
+        if isinstance(c, LineCollection)
+        for segment in c.get_segments()
+    ]
+    high = table["storage_modulus_ci_high"].iloc[2]
+    assert bar == pytest.approx(np.array([[1.0, 0.99 * foot], [1.0, high]]))
+    (band,) = [c for c in axis.collections if not isinstance(c, LineCollection)]
+    assert set(band.get_paths()[0].vertices[:, 0]) == {0.01, 0.1}
 
 
 def test_a_point_without_an_interval_has_no_band():
@@ -555,3 +565,58 @@ def test_lissajous_curves_are_of_the_mean_over_replicates():
     waves = _mean_waves(harmonics(table, [3.0, 1.0], [4.0, 2.0]))
     (storage, loss) = waves[table["point"].iloc[0]]
     assert (storage.tolist(), loss.tolist()) == ([3.0, 1.0], [4.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (5, 4000, ["10", "100", "1000"]),
+        (40, 1200, ["100", "300", "1000"]),
+        (1e-3, 2, ["10⁻³", "10⁻²", "10⁻¹", "10⁰"]),
+        (2e5, 4e6, ["3·10⁵", "10⁶", "3·10⁶"]),
+    ],
+)
+def test_moduli_over_one_decade_and_over_three_are_labelled_alike(low, high, expected):
+    with style.figure(3, 3) as figure:
+        axis = figure.subplots()
+        axis.set_yscale("log")
+        axis.set_ylim(low, high)
+        style.log_ticks(axis.yaxis, low, high)
+        FigureCanvasAgg(figure).draw()
+        shown = [tick for tick in axis.yaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    assert [tick.label1.get_text() for tick in shown] == expected
+
+
+def test_panels_side_by_side_leave_room_between_the_labels_of_their_axes():
+    """The last label of one axis and the first of the next must not read as one number."""
+    frictions, fractions, modulus = (0.1, 0.2), (1.0, 1.25, 1.5, 1.75, 2.0), (2000, 8000, 32000)
+    base = {"packing.packing_fraction": 1.5, "model.young_modulus": 8000, "model.links.cuts": 5}
+    base |= {"model.links.remove_fraction": 0.0}
+    varied = {
+        "packing.packing_fraction": fractions,
+        "model.young_modulus": modulus,
+        "model.links.cuts": (3, 5, 10),
+        "model.links.remove_fraction": (0.0, 0.25, 0.5),
+    }
+    rows = [base | {AMPLITUDE: a, FRICTION: f} for a in AMPLITUDES for f in frictions]
+    rows += [
+        base | {AMPLITUDE: a, FRICTION: 0.1, key: value}
+        for key, values in varied.items()
+        for value in values
+        if value != base[key]
+        for a in AMPLITUDES[:2]
+    ]
+    figure = branches(points(rows), MODULI)
+    FigureCanvasAgg(figure).draw()
+    lowest = figure.axes[4:8]
+    ends = []
+    for axis in lowest:
+        low, high = axis.get_xlim()
+        boxes = [
+            tick.label1.get_window_extent()
+            for tick in axis.xaxis.get_major_ticks()
+            if low <= tick.get_loc() <= high
+        ]
+        ends.append((min(box.x0 for box in boxes), max(box.x1 for box in boxes)))
+    gaps = [(right[0] - left[1]) / figure.dpi for left, right in pairwise(ends)]
+    assert min(gaps) > 0.16  # inches: three digits

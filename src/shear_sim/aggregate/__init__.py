@@ -242,8 +242,9 @@ def _kinds_of_shear(planned: "pd.DataFrame", index: "pd.DataFrame") -> "pd.Serie
 def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str, Any] | None:
     """Return what `figures.example_run` draws: the run nearest to the middle of the study.
 
-    Of the scene that comes first, at the middle of the amplitudes, the first finished replicate
-    that is not flagged (of all, where all are).
+    Of the scene that comes first: at the middle of the amplitudes, there at the middle of the
+    values of each other parameter in turn. The first finished replicate that is not flagged (of
+    all, where all are).
     """
     from shear_sim.variation import AMPLITUDE
 
@@ -253,18 +254,22 @@ def _example(results: Results, tables: "Mapping[str, pd.DataFrame]") -> dict[str
     if kept.empty:
         return None
     kept = kept[kept["scene"] == kept["scene"].iloc[0]]
-    if AMPLITUDE in kept:
-        values = np.sort(kept[AMPLITUDE].dropna().unique())
-        kept = kept[kept[AMPLITUDE] == values[len(values) // 2]]
+    numbers = [str(key) for key in kept if "." in key and kept[key].dtype.kind in "if"]
+    for key in sorted(numbers, key=lambda key: key != AMPLITUDE):
+        values = np.sort(kept[key].unique())
+        if np.isfinite(values).all():  # not a parameter that only some of the runs have
+            kept = kept[kept[key] == values[len(values) // 2]]
     first = kept.iloc[0]
     series = read_job(results.job_file(str(first["job"])))
     tensor = runs.attrs["tensor"]
     if not {"time", "strain", SHEAR_STRESS[tensor]} <= series.columns.keys():
         return None  # not recorded
+    units = runs.attrs["units"]
     facts = [str(first["scene"])] + [
         f"{key.rpartition('.')[2].replace('_', ' ')} {first[key]:g}"
-        for key in kept
-        if "." in key and kept[key].dtype.kind in "if" and math.isfinite(first[key])
+        + (f" {units[key]}" if units[key] not in {"", "1"} else "")
+        for key in numbers
+        if math.isfinite(first[key])
     ]
     summary = series.summary
     return {

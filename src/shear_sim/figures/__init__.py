@@ -42,7 +42,7 @@ __all__ = [
 #: Every figure that `draw` makes, in the order in which they are read, and what it shows.
 CAPTIONS = {
     "moduli": "Storage modulus G′ (filled) and loss modulus G″ (open), scene by scene. Lines are "
-    "means over replicates, bands their intervals.",
+    "means over replicates, bands their intervals, thin bars those that reach down to 0.",
     "moduli_with_landmarks": "G′ and G″ of each curve, with its landmarks: where G′ has fallen by "
     "10 % (softening), the first peak of G″, the plateau that may follow, the last crossing of G′ "
     "and G″ (yield), and where I₃/I₁ exceeds 1 %. Bars at the foot are intervals of their "
@@ -51,7 +51,8 @@ CAPTIONS = {
     "landmarks": "Strain, storage modulus and stress of the landmarks.",
     "landmarks_branches": "The same against each of the other parameters, all others held.",
     "large_amplitude": "Nonlinearity of the mean response: third harmonic I₃/I₁, strain stiffening "
-    "S = (G′_L − G′_M)/G′_L and shear thickening T = (η′_L − η′_M)/η′_L.",
+    "S = (G′_L − G′_M)/G′_L and shear thickening T = (η′_L − η′_M)/η′_L. Thin bars: "
+    "intervals of I₃/I₁ that reach down to 0.",
     "lissajous_elastic": "One cycle of the mean response at every point, stress against strain. "
     "The black line is the elastic part of the stress; dashed, the ellipse of G′ and G″ alone.",
     "lissajous_viscous": "The same cycles, stress against strain rate. The black line is the "

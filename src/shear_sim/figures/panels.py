@@ -1,7 +1,8 @@
 """A grid of panels: quantities in rows, panels in columns, lines told apart by colour and marker.
 
 On a logarithmic axis a mean of 0 or below stands as an arrow at the foot of the panel, and the
-figure counts them; an interval that reaches zero is cut at the foot.
+figure counts them; an interval that reaches down to zero is a thin bar, cut at the foot: as a band
+it would cover all others.
 """
 
 import math
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _MOST_LINES = 12  # more values than this are told by a colour bar, not by a legend
 _MOST_ACROSS = 5  # panels side by side
 _WIDE = 3  # more panels than this side by side are narrower than a label
+_APART = 0.075  # inches beside such panels: the labels at the ends of two axes must not read as one
 _HIGH = 1.7  # inches: rows less high are shorter than a label
 _SCENES = ("-", "--", ":", "-.")
 FOOT_MARK = r"$\downarrow$"
@@ -72,6 +74,8 @@ def grid(
     high = min(1.95, max((style.PAGE - 1.0) / rows, 1.3))
     hidden = 0
     with style.figure(width, high * rows + 0.9) as figure:
+        if across > _WIDE and (layout := figure.get_layout_engine()) is not None:
+            layout.set(w_pad=_APART)  # type: ignore[call-arg]
         axes = figure.subplots(rows, across, squeeze=False)
         firsts = axes[: len(quantities), 0]
         own = [
@@ -263,6 +267,10 @@ def _line(
         low, high = (np.where(end <= foot, foot * 0.99, end) for end in (low, high))
     if look.joined:
         apart = drawn["linestyle"] == "none" or not look.bands
+        if foot is not None and not apart:
+            below = low < foot
+            _thin_bars(axis, at[below], low[below], high[below], drawn["color"], aside)
+            low = np.where(below, np.nan, low)
         bands(axis, at, low, high, drawn["color"], apart=apart)
         axis.plot(at, mean if foot is None else np.where(mean > 0, mean, np.nan), **drawn)
     else:
@@ -295,6 +303,21 @@ def bands(
         at, low, high, where=(known & ~alone).tolist(), color=colour, alpha=0.2, linewidth=0
     )
     axis.vlines(at[alone], low[alone], high[alone], color=colour, alpha=0.4, linewidth=3)
+
+
+def _thin_bars(
+    axis: "Axes", at: FloatArray, low: FloatArray, high: FloatArray, colour: Any, aside: float
+) -> None:
+    """Draw intervals as thin bars, those of different lines beside one another."""
+    from matplotlib.transforms import ScaledTranslation
+
+    figure = axis.get_figure(root=True)
+    if figure is not None and len(at):
+        shift = ScaledTranslation(1.5 * aside / 72, 0, figure.dpi_scale_trans)
+        axis.vlines(
+            at, low, high, color=colour, alpha=0.5, linewidth=0.7, zorder=1,
+            transform=axis.transData + shift,
+        )  # fmt: skip
 
 
 def _mark_foot(axis: "Axes", at: FloatArray, foot: float, colour: Any, aside: float) -> int:

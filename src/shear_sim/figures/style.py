@@ -69,6 +69,7 @@ _WIDE = 8  # largest / smallest value from which an axis of a parameter is logar
 _FEW = 5  # values of a parameter that are labelled themselves
 _NEAR = 0.15  # of the axis: values nearer to one another have no room for their labels
 _DIGITS = 6  # letters of a number that is written in full
+_LONG, _SHORT_PARTS, _SHORT_DECADES = 1e5, 1e-3, 0.1  # plain numbers on a logarithmic axis
 _LETTERS = 20  # of all names on an axis, from which they are turned
 _METHODS = {"t": "Student's t", "t_log": "Student's t on logarithms"}
 _SYMBOLS = {
@@ -347,21 +348,29 @@ def scale_y(axis: "Axes", shown: "pd.DataFrame", quantities: Sequence[str]) -> f
 
 
 def log_ticks(axis: "Axis", low: float, high: float) -> None:
-    """Label each decade; over less than two 1, 2 and 5, or 1 and 3, as plain numbers."""
+    """Label each decade; over less than two 1, 2 and 5, or 1 and 3.
+
+    Numbers are plain where they are short at both ends, so that G' over three decades and G'' over
+    one are labelled alike; else powers of ten.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    if high / low < 100:
+    few = high / low < 100
+    if few:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 20 else (1.0, 3.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     else:
         decades = math.ceil(math.log10(high / low))
         axis.set_major_locator(LogLocator(numticks=max(4, min(decades + 2, 8))))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
+    plain = high < _LONG and low >= (_SHORT_PARTS if few else _SHORT_DECADES)
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:g}" if plain else _power(value))
+    )
     # Ticks between are most of what a figure of many panels costs, and no one counts them.
     axis.set_minor_locator(NullLocator())
 
 
 def _power(value: float) -> str:
-    """Return 10⁻³ in letters: the mathematics of a label costs ten times as much to set."""
-    exponent = str(round(math.log10(value)))
-    return "10" + exponent.translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    """Return 3·10⁻³ in letters: the mathematics of a label costs ten times as much to set."""
+    mantissa, _, exponent = f"{value:e}".partition("e")
+    power = "10" + str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return power if float(mantissa) == 1 else f"{float(mantissa):g}·{power}"

@@ -207,15 +207,17 @@ def test_kill_9_of_the_sweep_loses_nothing_and_leaves_no_process(
 
 
 def test_kill_9_of_workers_and_server_loses_their_jobs_only(undisturbed, tmp_path, environment):
-    study = write_study(tmp_path, seconds=0.2)
+    study = write_study(tmp_path, seconds=1)
     results = Results(tmp_path / "results/study")
     arguments = ("sweep", study, "--results", tmp_path / "results", "--jobs", 2)
     process = start(environment, *arguments)
     wait_until(lambda: len(results.finished()) > 1)
+    time.sleep(0.5)  # each worker is in the middle of its next job
     supervisor, server, *workers = processes(environment)
     assert supervisor == process.pid
     os.kill(workers[0], signal.SIGKILL)
     wait_until(lambda: len(results.failures()) == 1)
+    time.sleep(0.5)
     os.kill(server, signal.SIGKILL)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 1, output

@@ -124,12 +124,12 @@ def _requeue(planned: "Plan", *, progress: bool) -> None:
 
     if (task := slurm.this_task()) is None:
         return
+    typer.echo(f"task {task} asks to be requeued")
+    sys.stdout.flush()  # Slurm ends it at once
     why_not = slurm.requeue(task, planned.results.logs, progress=progress)
     if why_not is not None:
         typer.echo(f"task {task} is not requeued: {why_not}; `shear-sim submit` runs what is left")
         return
-    typer.echo(f"task {task} is requeued and will go on")
-    sys.stdout.flush()
     time.sleep(60)  # until Slurm ends it: a task that ends by itself may not be run again
 
 

@@ -165,7 +165,7 @@ def test_warned_and_cancelled_tasks_lose_nothing(cluster, user, tmp_path, fast):
     assert code == 0
     assert re.search(f"Slurm: array {array.job}: 1 (waiting|running|configuring)", output), output
     log = results.logs / f"slurm-{array.job}_0.log"
-    assert f"task {task} is requeued and will go on" in log.read_text()
+    assert f"task {task} asks to be requeued" in log.read_text()
     assert "1 job(s) will go on from checkpoints" in log.read_text()
     wait_until(lambda: len(results.finished()) == 2, SECONDS)
     cluster.ask("scancel", task)

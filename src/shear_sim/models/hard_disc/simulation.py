@@ -65,6 +65,7 @@ class HardDiscSimulation:
         self.certificate: dict[str, Any] | None = None
         self.jams: list[dict[str, Any]] = []  # certificates of stages that another one follows
         self.stopped: str | None = None
+        self._begun = False
         self._made = 0
         self._table = np.empty((len(COLUMNS), len(self.path)))
         self.power_residual = self.least_force = self.largest_gap = 0.0
@@ -93,10 +94,12 @@ class HardDiscSimulation:
         self.done = min(wanted, self._made)
 
     def _go_on(self) -> None:
-        """Do one thing: a record, an event, a change of the drive."""
+        """Do one thing: make a record, go to an event, or change the drive."""
         driving = self.driving
-        if self._made == 0:
+        if not self._begun:
+            self._begun = True
             self.flow.turn(driving.drive)
+        elif self._made == 0:
             self._first()
         elif isinstance(self.flow, Marching):
             self._march(self.flow)

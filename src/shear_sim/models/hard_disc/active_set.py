@@ -259,7 +259,13 @@ class ActiveSet:
         self.settle(now, touch)
 
     def settle(
-        self, now: Instant, touch: float, *, solved: bool = False, opened: int = -1, stalled: int = 0
+        self,
+        now: Instant,
+        touch: float,
+        *,
+        solved: bool = False,
+        opened: int = -1,
+        stalled: int = 0,
     ) -> list[int]:
         """Make the forces those of this instant, from a set and forces near them.
 

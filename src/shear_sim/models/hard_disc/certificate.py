@@ -48,9 +48,9 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``contacts`` N_c that bear force and ``discs`` N̄ on which they do, ``isostatic`` (N_c = 2 N̄ −
-        1 in integers; 2 N̄ + 1 where immobile discs, which do not count, hold the packing in place;
-        and all of these discs constrained: equal ones may bear a row on two contacts),
+        ``contacts`` N_c that bear force and ``discs`` N̄ on which they do, ``isostatic`` (integers:
+        N_c = 2 N̄ − 1, or 2 N̄ + 1 where immobile discs, which do not count, hold the packing in
+        place; and all these discs are `constrained`: equal ones can stand in rows on two contacts),
         ``least_force`` = min f₀/⟨f₀⟩ of what may only push, ``unbalanced_force`` = max |Sᵀf₀|/⟨f₀⟩,
         ``second_singular_value`` of S (unit rows) on the contacts that bear force, ``load`` =
         ⟨f₀|q⟩/⟨f₀⟩ (negative: f₀ resists), ``rattlers`` (numbers of the discs that bear none). The

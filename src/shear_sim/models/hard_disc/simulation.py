@@ -258,6 +258,7 @@ class HardDiscSimulation:
             },
             "flags": {
                 "not_at_rest": False,
+                "forces_nonunique": flow.set.dependent > 0,
                 "stopped_early": self.stopped is not None
                 and not (self.status == "jammed" and isinstance(shear, HardDiscCompression)),
             },

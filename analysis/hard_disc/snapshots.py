@@ -9,15 +9,14 @@ draws a picture of each scene into analysis/figures (or the folder given second)
 """
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
+from runs import by_scene
 
 from shear_sim.figures import style
-from shear_sim.results import Results, read_job
 
 LARGE, SMALL, WALL = "#9ecae1", "#fdd0a2", "0.45"
 
@@ -82,11 +81,7 @@ def main() -> None:
     parser.add_argument("results", type=Path, help="results folder of the study")
     parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
     given = parser.parse_args()
-    kept = Results.existing(given.results)
-    plan, _ = kept.plan()
-    for job, labels in zip(plan["job"].to_pylist(), plan["labels"].to_pylist(), strict=True):
-        _, summary = read_job(kept.job_file(job))
-        scene = json.loads(labels)[0][1]
+    for scene, _, summary in by_scene(given.results):
         print(
             f"{scene}: {summary['status']}, {len(summary['state']['contact_i'])} contacts,", end=" "
         )

@@ -23,6 +23,8 @@ _SHOWN = {
     "steady": {"shear_stress": "τ", "viscosity": "η"},
     "compression": {"final_packing_fraction": "φ"},
     "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
+    "body_force": {"mean_velocity_x": "u_x", "mean_velocity_y": "u_y"},
+    "stages": {"final_packing_fraction": "φ"},
     "diametral_compression": {"final_scaled_force": "F R²/EI", "final_area_ratio": "V/V₀"},
 }
 #: Of features and contrasts: (landmark, quantity) and heading.

@@ -22,8 +22,10 @@ cool_factor
 
 def test_every_old_name_is_mapped():
     """Each name of Table S2-1 stands in a cell of the table, whole."""
-    section = README.read_text().partition("## Coming from particleShear")[2]
-    rows = [line.split("|") for line in section.splitlines() if line.startswith("| ")]
+    section = (ROOT / "analysis/particleshear.md").read_text().partition("## Names")[2]
+    rows = [
+        line.split("|") for line in section.partition("## ")[0].splitlines() if line[:2] == "| "
+    ]
     cells = [cell for row in rows for cell in (row[1], row[4])]
     named = {word.strip(" ;:,") for cell in cells for word in cell.split()}
     assert set(TABLE_S2_1.split()) - named == set()

@@ -34,6 +34,7 @@ _DIMMED = 0.62  # of white in what lies outside of the cell
 _CORNERS = 36  # of a disc; half as many where it is small
 _SMALL_DISC = 7.0  # points: smaller ones have no edges, and contacts are drawn as forces
 _MARGIN = 0.7  # around the cell, in largest diameters
+_ALIKE = 1.2  # ratio of radii under which discs count as equal
 _FULL = 98.0  # percentile that takes the end of a colour scale
 _TITLES = {
     "pressure": "pressure of a particle",
@@ -91,6 +92,7 @@ class Scene:
         self.point = 72 * inches  # per unit of length
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
         self.contacts = contacts or self._readable(first)
+        self._tints = particle_tints(first)
         self._values = self._coloured(strain)
         self._scale = _limits(self._values, colour)
         edge = 0.0 if self.diameter < _SMALL_DISC else min(0.035 * self.diameter, 0.6)
@@ -146,8 +148,6 @@ class Scene:
             share = (self._values[number] - low) / (high - low)
             made = np.asarray(self._map(share), np.float64)
         else:
-            if number == 0 or not hasattr(self, "_tints"):
-                self._tints = _particle_tints(self.snapshots[0])
             made = to_rgba_array(self._tints)
         made[snapshot.fixed] = to_rgba_array(_FIXED)
         if self.contacts == "force" and not self._values:
@@ -449,11 +449,12 @@ def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
     return (low, high) if low < high else (low, low + 1.0)
 
 
-def _particle_tints(s: Snapshot) -> NDArray[np.str_]:
+def particle_tints(s: Snapshot) -> NDArray[np.str_]:
     """Return tints (N,) of particles: no two clusters that touch have the same, where possible."""
     body = clusters(s)
     alone = body < 0
-    large = s.radius > 0.5 * (s.radius.min() + s.radius.max())
+    middle = 0.5 * float(s.radius.min() + s.radius.max())
+    large = (s.radius > middle) | (s.radius.max() < _ALIKE * s.radius.min())
     tints = np.where(large, _LARGE, _SMALL)
     numbers, body = np.unique(body, return_inverse=True)
     touching: list[set[int]] = [set() for _ in numbers]

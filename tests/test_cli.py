@@ -61,7 +61,7 @@ def test_help_answers_in_under_half_a_second(environment):
 def test_every_command_explains_itself_with_an_example():
     runner = CliRunner()
     names = [c.callback.__name__.replace("_", "-") for c in cli.app.registered_commands]
-    running = ["sweep", "plan", "submit", "compile", "run", "status", "show", "verify"]
+    running = ["sweep", "plan", "submit", "compile", "run", "status", "show", "render", "verify"]
     assert names == [*running, "aggregate", "import-legacy", "report", "accuracy", "schema"]
     for name in names:
         shown = runner.invoke(cli.app, [name, "--help"])

@@ -7,14 +7,15 @@ prints what the paper says of them, measured: between events the stress falls, c
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from runs import by_scene
 
 from shear_sim.figures import style
+from shear_sim.results import Results, read_job
 
 Columns = dict[str, NDArray[np.float64]]
 WINDOW = 0.004  # of strain, in which single events are seen
@@ -88,7 +89,11 @@ def main() -> None:
     parser.add_argument("results", type=Path, help="results folder of the study")
     parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
     given = parser.parse_args()
-    for scene, columns, summary in by_scene(given.results):
+    kept = Results.existing(given.results)
+    plan, _ = kept.plan()
+    for job, labels in zip(plan["job"].to_pylist(), plan["labels"].to_pylist(), strict=True):
+        columns, summary = read_job(kept.job_file(job))
+        scene = json.loads(labels)[0][1]
         print(f"{scene}: {summary['status']}, {summary['events']['collisions']} collisions")
         draw = {"fixed_area": fixed_area, "fixed_pressure": fixed_pressure}[scene]
         draw(columns, given.folder / f"hard_disc_signal_{scene}")

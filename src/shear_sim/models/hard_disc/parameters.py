@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from shear_sim.models.interface import Point
+from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
 
 CLOSEST = math.pi / math.sqrt(12)  # packing fraction of the densest packing of equal discs
@@ -318,6 +319,7 @@ class HardDiscRecord(Section):
     state: Annotated[
         bool, Field(description="keep where discs and contacts are at the end in the summary")
     ] = False
+    snapshots: Snapshots = None
 
 
 class HardDiscPoint(Point):
@@ -351,6 +353,22 @@ class HardDiscPoint(Point):
             default = 400 * shear.periods
         rows = self.record.rows or default
         return self.model_copy(update={"record": self.record.model_copy(update={"rows": rows})})
+
+    @model_validator(mode="after")
+    def _keep_snapshots_within_the_run(self) -> Self:
+        shear, rows = self.shear, self.resolved().record.rows or 0
+        if isinstance(shear, HardDiscSteadyShear):
+            last = shear.strain
+        elif isinstance(shear, HardDiscCompression):
+            last = abs(shear.compression)
+        elif isinstance(shear, HardDiscStages):
+            last = shear.length
+        elif isinstance(shear, HardDiscOscillatoryShear):
+            last = float(shear.periods)
+        else:
+            last = shear.duration
+        check_snapshots(self.record.snapshots, 0.0, last, rows / last)
+        return self
 
     def check_files(self) -> None:
         """Check the contents of the start file; see `Point.check_files`."""

@@ -31,7 +31,8 @@ from shear_sim.models.hard_disc.parameters import (
 )
 from shear_sim.models.hard_disc.stress import duration, slowness, stress
 from shear_sim.models.hard_disc.time_stepping import Marching
-from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.interface import CONTACT, LINK, Columns, SimulationError, Snapshot
+from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
@@ -67,6 +68,11 @@ class HardDiscSimulation:
         self.stopped: str | None = None
         self._begun = False
         self._made = 0
+        self.snapshots: list[Snapshot] = []
+        clock = self.path
+        if isinstance(shear, HardDiscOscillatoryShear):
+            clock = self.records.time / shear.period
+        self._kept = snapshot_rows(self.point.record.snapshots, clock, float(clock[-1]))
         self._table = np.empty((len(COLUMNS), len(self.path)))
         self.power_residual = self.least_force = self.largest_gap = 0.0
         self._seconds = 0.0  # of a flow at fixed stress, whose clock follows the stress
@@ -165,7 +171,7 @@ class HardDiscSimulation:
         """Append a record."""
         flow, row = self.flow, self._made
         drive = flow.drive
-        i, j, rx, ry, gap, phi, kappa, area, squeezed = contacts
+        i, j, rx, ry, gap, phi, kappa, area, squeezed, *_ = contacts
         xx, xy, yy = stress(contacts)
         u = velocities(i, j, rx, ry, phi, flow.mobility, drive.drift)
         moving = flow.mobility > 0.0
@@ -196,7 +202,25 @@ class HardDiscSimulation:
             math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
             float(u[0].sum()) / discs, float(u[1].sum()) / discs,
         )  # fmt: skip
+        if row in self._kept:
+            self.snapshots.append(self._snapshot(contacts, u))
         self._made += 1
+
+    def _snapshot(self, now: Contacts, u: FloatArray) -> Snapshot:
+        """Return the snapshot of the record that is being made, in units of paths, see `stress`."""
+        shear, flow = self.flow.drive.shear, self.flow
+        r = np.column_stack([now.rx, now.ry])
+        bonded = flow.permanent[flow.set.pairs] != 0
+        vx = u[0] + shear * (now.y - 0.5 * now.height) - now.kappa * (now.x - 0.5 * now.width)
+        vy = u[1] - now.kappa * (now.y - 0.5 * now.height)
+        return Snapshot(
+            row=self._made, width=now.width, height=now.height, offset=now.offset, periodic=True,
+            position=np.column_stack([now.x, now.y]), velocity=np.column_stack([vx, vy]),
+            spin=np.zeros(len(now.x)), radius=flow.radius.copy(), fixed=flow.mobility == 0,
+            i=now.i.copy(), j=now.j.copy(), separation=r, normal=now.phi * np.hypot(*r.T),
+            tangential=np.zeros(len(r)),
+            kind=np.where(bonded, LINK, CONTACT).astype(np.int8), walls=np.zeros((0, 3)),
+        )  # fmt: skip
 
     def columns(self) -> Columns:
         """Return the records made so far."""

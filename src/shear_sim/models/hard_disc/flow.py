@@ -281,9 +281,14 @@ class Flow:
         self._strained = strained
         now.phi, now.kappa = evaluate(phi, step), float(evaluate(kappa, step))
         self._count(step, order, kind, error, reach)
+        opened = -1
         if kind == OPENING:
+            opened = int(now.pairs[which])
             now.drop(which)
-        now.settle(self.instant(), self.touch, solved=kind == COLLISION)
+        now.settle(
+            self.instant(), self.touch,
+            solved=kind == COLLISION, opened=opened, stalled=self._stalled,
+        )  # fmt: skip
         self._close_gaps()
 
     def _move(self, step: float, u: Floats, kappa: Floats, area: Floats) -> None:

@@ -210,11 +210,18 @@ class HardDiscOscillatoryShear(Section):
     periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
 
 
+TimeUnit = Annotated[
+    Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
+]
+Duration = Annotated[Positive, Field(description="of the run [τ]")]
+Transient = Annotated[Fraction, Field(description="part of the duration before means are taken")]
+
+
 class HardDiscSelfPropulsion(Section):
     """Discs that push themselves: a force on each, of mean square 1, in units of τ = λ/(f ξ₀)."""
 
     kind: Literal["self_propelled"]
-    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    duration: Duration = 50.0
     persistence: Annotated[
         Positive, Field(description="a force lasts a time uniform between 0 and this [τ]")
     ] = 10.0
@@ -222,28 +229,20 @@ class HardDiscSelfPropulsion(Section):
         Literal["uniform", "fixed"],
         Field(description="magnitude: uniform from 0 (paper, section V B), or the same for all"),
     ] = "uniform"
-    time_unit: Annotated[
-        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
-    ] = 1.0
-    transient: Annotated[
-        Fraction, Field(description="part of the duration before means are taken")
-    ] = 0.3
+    time_unit: TimeUnit = 1.0
+    transient: Transient = 0.3
 
 
 class HardDiscBodyForce(Section):
     """A force on every disc, as its weight, in units of τ = λ/(f ξ₀), f: of a mean small disc."""
 
     kind: Literal["body_force"]
-    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    duration: Duration = 50.0
     inclination: Annotated[
         float, Field(ge=-180, le=180, description="of the floor [degrees]; 0: straight down, −y")
     ] = 0.0
-    time_unit: Annotated[
-        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
-    ] = 1.0
-    transient: Annotated[
-        Fraction, Field(description="part of the duration before means are taken")
-    ] = 0.3
+    time_unit: TimeUnit = 1.0
+    transient: Transient = 0.3
 
 
 class HardDiscStage(Section):
@@ -257,7 +256,10 @@ class HardDiscStage(Section):
 
 
 class HardDiscStages(Section):
-    """Drives one after another: start and stop, reversal, compression and then shear."""
+    """Drives one after another: start and stop, reversal, compression and then shear.
+
+    Discs that jam rest until the next stage begins; where there is none the run ends.
+    """
 
     kind: Literal["stages"]
     stages: Annotated[tuple[HardDiscStage, ...], Field(min_length=1, strict=False)]

@@ -52,6 +52,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RESULTS = Path("results")
 
 
+def _known_jobs(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the finished jobs whose id begins so, for a shell that completes words."""
+    found = Path(context.params.get("results") or RESULTS).glob(f"*/jobs/{incomplete}*.parquet")
+    return sorted(path.stem for path in found)
+
+
+JobName = Annotated[
+    str,
+    typer.Argument(
+        metavar="JOB", help="Result file, or begin of a job id.", autocompletion=_known_jobs
+    ),
+]
+
+
 class Tensor(StrEnum):
     """Stress tensors whose moduli can be tabulated."""
 
@@ -287,7 +301,7 @@ def status(
 
 @app.command()
 def show(
-    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    job: JobName,
     results: Root = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -308,7 +322,7 @@ def show(
 
 @app.command()
 def render(
-    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    job: JobName,
     results: Root = RESULTS,
     snapshot: Annotated[
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")

@@ -208,7 +208,7 @@ def wall_forces(
     for w in range(walls.nx.shape[0]):
         nx, ny, at = walls.nx[w], walls.ny[w], walls.position[w]
         tx, ty = -ny, nx
-        push = drive = 0.0
+        push = drive = lost_push = 0.0
         for p in range(chains.start.shape[0] - 1):
             r = chains.radius[p]
             for v in range(chains.start[p], chains.start[p + 1]):
@@ -229,7 +229,7 @@ def wall_forces(
                     loss = -force * min(1.0, rules.dashpot * speed)
                     motion.dx[v] += loss * nx
                     motion.dy[v] += loss * ny
-                    push += loss
+                    lost_push += loss
                 if frictional:
                     before = springs.wall[w, v]
                     slip = motion.vx[v] * tx + motion.vy[v] * ty - walls.slide[w]
@@ -244,7 +244,8 @@ def wall_forces(
                     motion.fx[v] += tangent * tx
                     motion.fy[v] += tangent * ty
                     drive += tangent
-        walls.push[w] = push
+        walls.push[w] = push + lost_push
+        walls.loss[w] = lost_push
         walls.drive[w] = drive
 
 

@@ -83,6 +83,23 @@ class Budget(NamedTuple):
     missing: float
 
 
+def ledger(budget: Budget) -> dict[str, float]:
+    """Return the energy columns of a record."""
+    return {
+        "energy_stretch": budget.stretch,
+        "energy_bend": budget.bend,
+        "energy_core": budget.core,
+        "energy_contact": budget.normal + budget.tangential,
+        "energy_kinetic": budget.kinetic,
+        "work": budget.by_walls,
+        "lost_by_yield": budget.stretch_yield + budget.bend_yield,
+        "lost_by_friction": budget.sliding + budget.separation,
+        "lost_by_damping": budget.damping,
+        "lost_by_drag": budget.drag,
+        "energy_missing": budget.missing,
+    }
+
+
 def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
     """Return a bound ω [1/s] on all frequencies: bars, hinges, cores and contacts (SP.10).
 
@@ -175,7 +192,7 @@ class System:
             FRACTION * self.stable_step if step is None else step,
         )
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
-        self.walls = Walls(*table.T.copy(), *np.zeros((3, len(table))))
+        self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         self.springs = springs(vertices, len(table))
         self.work = work(vertices)
         self.links = no_links()
@@ -184,7 +201,9 @@ class System:
         self.skin = 2.0 * thin
         self.leap = 0.5 * thin
         self.steps = 0
-        self.damped = bool(self.chains.stretch_damping.any() or self.chains.bend_damping.any())
+        chains = self.chains
+        dashpots = (chains.stretch_damping, chains.bend_damping, chains.inner_damping)
+        self.damped = any(bool(of_chain.any()) for of_chain in dashpots)
         self.begin()
 
     def begin(self) -> None:

@@ -689,6 +689,7 @@ def test_reading_a_study_is_light():
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
         ("soft_particle_compaction", 4, 4),
+        ("particleshear", 840, 840),
     ],
 )
 def test_configs_load_and_have_their_size(name, least, most):
@@ -721,6 +722,7 @@ def test_every_config_file_is_tested():
         "hard_disc",
         "soft_particle_ring",
         "soft_particle_compaction",
+        "particleshear",
     }
 
 

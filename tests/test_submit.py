@@ -5,7 +5,7 @@ import re
 from collections import Counter
 
 import pytest
-from tools import run, write_study
+from tools import FakeSlurm, run, write_study
 
 from shear_sim import slurm
 from shear_sim.plan import PlanError, make_plan
@@ -14,39 +14,11 @@ from shear_sim.slurm import SlurmError, Submission, Task, index_list
 from shear_sim.study import load_study
 from shear_sim.submit import Limits, alive, lay_out, submit
 
-# Stand-ins: each writes down how it was called and answers as told by a file beside it.
-COMMAND = """#!/bin/sh
-echo "$@" >> {folder}/{name}.calls
-[ "$1" = --parsable ] && cat > {folder}/script-$(wc -l < {folder}/{name}.calls)
-. {folder}/{name}.answer
-"""
-
-
-class Fake:
-    """A folder with Slurm's commands."""
-
-    def __init__(self, folder):
-        self.folder = folder
-
-    def answers(self, name, shell):
-        path = self.folder / name
-        path.write_text(COMMAND.format(folder=self.folder, name=name))
-        path.chmod(0o755)
-        (self.folder / f"{name}.answer").write_text(shell + "\n")
-
-    def calls(self, name):
-        path = self.folder / f"{name}.calls"
-        return path.read_text().splitlines() if path.exists() else []
-
 
 @pytest.fixture
 def fake(tmp_path, monkeypatch):
-    made = Fake(tmp_path / "slurm")
-    made.folder.mkdir()
-    monkeypatch.setenv("PATH", f"{made.folder}:/usr/bin:/bin")
-    made.answers("squeue", "")
-    made.answers("scontrol", "echo 'MaxArraySize            = 4'")
-    made.answers("sbatch", f"echo $((100 + $(wc -l < {made.folder}/sbatch.calls)))")
+    made = FakeSlurm(tmp_path / "slurm")
+    made.on(monkeypatch)
     return made
 
 

@@ -95,3 +95,36 @@ def assert_same_but_for_the_wait(undisturbed, slow):
         )
 
     assert facts(slow) == facts(undisturbed)
+
+
+# A stand-in writes down how it was called and answers as told by a file beside it.
+STAND_IN = """#!/bin/sh
+echo "$@" >> {folder}/{name}.calls
+[ "$1" = --parsable ] && cat > {folder}/script-$(wc -l < {folder}/{name}.calls)
+. {folder}/{name}.answer
+"""
+
+
+class FakeSlurm:
+    """A folder with stand-ins for Slurm's commands."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        folder.mkdir()
+        self.answers("squeue", "")
+        self.answers("scontrol", "echo 'MaxArraySize            = 4'")
+        self.answers("sbatch", f"echo $((100 + $(wc -l < {folder}/sbatch.calls)))")
+
+    def on(self, monkeypatch):
+        """Let them be found before all others, and those alone of Slurm's."""
+        monkeypatch.setenv("PATH", f"{self.folder}:/usr/bin:/bin")
+
+    def answers(self, name, shell):
+        path = self.folder / name
+        path.write_text(STAND_IN.format(folder=self.folder, name=name))
+        path.chmod(0o755)
+        (self.folder / f"{name}.answer").write_text(shell + "\n")
+
+    def calls(self, name):
+        path = self.folder / f"{name}.calls"
+        return path.read_text().splitlines() if path.exists() else []

@@ -1,5 +1,6 @@
 """What the runner knows of a physical model, and nothing else."""
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple, Protocol, Self
@@ -111,9 +112,9 @@ class Point(Section):
     """
 
     @property
+    @abstractmethod
     def kind(self) -> str:
         """Name of the model, ``model.kind`` of the study file."""
-        raise NotImplementedError(type(self).__name__)
 
     def resolved(self) -> Self:
         """Return the point with every default that follows from other parameters filled in."""

@@ -135,7 +135,7 @@ def contact_forces(
     x, y, px, py = motion.x, motion.y, motion.px, motion.py
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     after, before = chains.after, chains.before
-    closest = work.closest[0]
+    closest, nearest = work.closest[0], work.closest[1]
     frictional = rules.friction > 0.0
     touching = find_touching(
         x, y, work.scratch[0], work.scratch[1], lists.vertex, lists.segment, lists.kind,
@@ -159,7 +159,10 @@ def contact_forces(
                 w, a, b = 0.0, j, j
             if overlap <= 0.0 or coefficient == 0.0:
                 continue
-            closest = min(closest, 1.0 - overlap / reach)
+            if kind == ONE_SIDED:
+                closest = min(closest, 1.0 - overlap / reach)
+            else:
+                nearest = min(nearest, 1.0 - overlap / reach)
             force = coefficient * rules.stiffness * overlap
             u = 1.0 - w
             fx[v] += force * nx
@@ -185,7 +188,7 @@ def contact_forces(
                 lists.found[count, 1], lists.found[count, 2] = nx, ny
                 lists.found[count, 3] = w
                 count += 1
-    work.closest[0] = closest
+    work.closest[0], work.closest[1] = closest, nearest
     if not frictional:
         return RUNNING
     return friction_forces(

@@ -84,8 +84,8 @@ class SoftParticleSimulation:
             "preparation": self.run.preparation(),
             "status": "completed",
             "measured": self.run.measured(self.columns()) if self.done == self.rows else None,
-            "checks": {"closest_approach": float(system.work.closest[0])}
-            if np.isfinite(system.work.closest[0])
+            "checks": {"closest_approach": float(system.work.closest.min())}
+            if np.isfinite(system.work.closest).any()
             else {},
             "flags": {},
         }

@@ -164,7 +164,9 @@ class Work(NamedTuple):
 
     energy: Floats  # (ENERGIES,) [J/m]
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
-    closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
+    # Least distance / distance of touching of any contact so far: of those from outside, with a
+    # sign, and of two-sided ones.
+    closest: Floats  # (2,)
     scratch: Floats  # (8, V) room for bars and hinges
     held: Ints  # (V,) features that a vertex touched with friction at the step before
 
@@ -183,7 +185,7 @@ def work(vertices: int) -> Work:
     return Work(
         np.zeros(ENERGIES),
         np.zeros(1),
-        np.full(1, np.inf),
+        np.full(2, np.inf),
         np.zeros((8, vertices)),
         np.zeros(vertices, np.int32),
     )

@@ -42,6 +42,9 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
 FRACTION = 0.2  # of the longest stable step
+#: Of a two-sided contact, distance / distance of touching: in one step, in which two vertices move
+#: by a quarter of that each, nothing goes through unseen.
+NEAREST = 0.25
 CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
 SHARPEST = 0.95 * math.pi  # turning angle of a hinge that counts as folded
 SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths / rest length, area / area at the start
@@ -314,7 +317,7 @@ class System:
             )
         elif status != RUNNING:
             problem = "a vertex touches too many segments: larger segments, or thinner shells"
-        elif self.work.closest[0] < 0.5 * DEEPEST:
+        elif self.work.closest[0] < 0.5 * DEEPEST or self.work.closest[1] < NEAREST:
             problem = (
                 "a vertex went through a segment or a wall: a larger contact stiffness, a "
                 "shorter time_step, or slower walls"

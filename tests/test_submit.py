@@ -1,6 +1,7 @@
 """What is submitted and what is asked of Slurm, with stand-ins for its commands."""
 
 import json
+import os
 import re
 from collections import Counter
 
@@ -146,7 +147,8 @@ def test_only_what_is_missing_and_not_queued_is_submitted_again(plan, fake, tmp_
     assert '--shard "$SLURM_ARRAY_TASK_ID/4"' in script
     assert "afterany:101:103" in (fake.folder / "script-4").read_text()
     assert "2 of 4 tasks wait or run already" in lines[0]
-    fake.answers("squeue", 'for i in 1 2 3; do echo "101|$i|RUNNING|None"; done')
+    array = 'for i in 1 2 3; do echo "101|$i|RUNNING|None"; done'
+    fake.answers("squeue", f"{array}; echo '104|N/A|PENDING|Dependency'")
     assert submit(again, limits, lines.append) == []
     assert lines[-1] == "nothing to submit"
 
@@ -169,6 +171,53 @@ def test_a_refusal_says_what_is_queued_already(plan, fake):
         submit(plan, Limits(minutes=10, max_tasks=11), print)
     [kept] = slurm.submissions(plan.results)
     assert (kept.job, kept.tasks) == (7, (0, 1, 2, 3))
+
+
+def test_a_missing_aggregation_is_made_up_for(plan, fake):
+    """It was refused; then it was cancelled; then results have come after the report."""
+    refused = f"[ $(wc -l < {fake.folder}/sbatch.calls) = 1 ] && echo 101 || exit 1"
+    fake.answers("sbatch", refused)
+    limits = Limits(minutes=120, max_tasks=1)
+    with pytest.raises(SlurmError, match="queued: 101"):
+        submit(plan, limits, print)
+    fake.answers("sbatch", f"echo $((100 + $(wc -l < {fake.folder}/sbatch.calls)))")
+    running = "echo '101|0|RUNNING|None'"
+    fake.answers("squeue", running)
+    lines = []
+    assert submit(plan, limits, lines.append, dry_run=True) == []
+    assert "afterany:101\n" in lines[-1]
+    assert submit(plan, limits, print) == [103]
+    assert "--dependency=afterany:101\n" in (fake.folder / "script-3").read_text()
+    fake.answers("squeue", f"{running}; echo '103|N/A|PENDING|Dependency'")
+    assert submit(plan, limits, print) == []
+    for job in plan.run:
+        plan.results.job_file(job.id).write_bytes(b"")
+    done = make_plan(plan.study, plan.results, measure=False)
+    fake.answers("squeue", "")
+    assert submit(done, limits, print) == [104]
+    assert "dependency" not in (fake.folder / "script-4").read_text()
+    fake.answers("squeue", "echo '104|N/A|RUNNING|None'")
+    assert submit(done, limits, print) == []
+    fake.answers("squeue", "")
+    report = plan.results.report_file
+    report.write_text("of all results")
+    assert submit(done, limits, print) == []
+    os.utime(report, (1, 1))
+    assert submit(done, limits, print) == [105]
+
+
+def test_an_aggregation_that_waits_for_older_arrays_alone_does_not_count(plan, fake):
+    plan.results.prepare(plan.study)
+    for kept in (
+        Submission(5, "array", "", shards=12, tasks=(0,)),
+        Submission(6, "aggregation", ""),
+        Submission(7, "array", "", shards=12, tasks=tuple(range(1, 12))),
+    ):
+        slurm.record(plan.results, kept)
+    queue = 'for i in 1 2 3 4 5 6 7 8 9 10 11; do echo "7|$i|RUNNING|None"; done'
+    fake.answers("squeue", f"echo '5|0|RUNNING|None'; echo '6|N/A|PENDING|Dependency'; {queue}")
+    assert submit(plan, Limits(), print) == [101]
+    assert "afterany:5:7\n" in (fake.folder / "script-1").read_text()
 
 
 @pytest.mark.parametrize("answer", ["", "echo 'not a number'", "exit 1"])

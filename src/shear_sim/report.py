@@ -69,7 +69,7 @@ def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
     """
     results = Results.existing(Path(folder))
     tables = aggregate(results.folder, tensor=tensor)
-    path = results.folder / "report.html"
+    path = results.report_file
     try:
         write_whole(path, page(results, tables).encode())
     except OSError as error:

@@ -91,6 +91,7 @@ class Results:
         self.study_file = folder / "study.yaml"
         self.plan_file = folder / "plan.parquet"
         self.index_file = folder / "index.parquet"
+        self.report_file = folder / "report.html"
 
     @classmethod
     def existing(cls, folder: Path) -> "Results":

@@ -144,12 +144,13 @@ def array_script(
 
 def aggregation_script(plan: Plan, limits: Limits, after: list[str]) -> str:
     """Return the batch script of the aggregation, which runs after arrays, however they end."""
-    resources = {
-        "dependency": f"afterany:{':'.join(after)}",
+    resources: dict[str, object] = {
         "time": min(AGGREGATION_MINUTES, limits.minutes or AGGREGATION_MINUTES),
         "mem": f"{max(LEAST_MEMORY_MB, limits.memory_mb or 0) + plan.total // 25}M",
         "output": plan.results.logs.absolute() / "slurm-%j.log",
     }
+    if after:
+        resources["dependency"] = f"afterany:{':'.join(after)}"
     return _script(plan, limits, resources, _command("report", plan.results.folder.absolute()))
 
 
@@ -206,15 +207,21 @@ def submit(
     layout = lay_out(plan, limits, busy)
     for count, live in busy.items():
         say(f"  {len(live)} of {count} tasks wait or run already, and keep their jobs")
-    if not layout.tasks:
+    arrays = layout.arrays(slurm.max_array_size()) if layout.tasks else []
+    if arrays:
+        say(describe(layout, len(arrays)))
+    queued = [each for each in before if each.job in {task.job for task in queue or []}]
+    after = [each.job for each in queued if each.kind == "array"]
+    last = max((each.job for each in queued if each.kind == "aggregation"), default=0)
+    covered = last > max(after, default=0)  # submitted after all of them, it waits for all
+    if not arrays and (covered or not (after or _report_is_old(plan))):
         say("nothing to submit")
         return []
-    arrays = layout.arrays(slurm.max_array_size())
-    say(describe(layout, len(arrays)))
     if dry_run:
         for offset, indices in arrays:
             say(f"\n{array_script(plan, layout, limits, offset, indices)}")
-        say(f"\n{aggregation_script(plan, limits, [f'<array {k}>' for k in range(len(arrays))])}")
+        names = [*map(str, after), *(f"<array {k}>" for k in range(len(arrays)))]
+        say(f"\n{aggregation_script(plan, limits, names)}")
         return []
     plan.results.prepare(plan.study)
     numbers: list[int] = []
@@ -228,18 +235,24 @@ def submit(
                 plan.results, Submission(number, "array", now, layout.shards, tasks, offset)
             )
             say(f"array {number}: tasks {index_list(tasks)} of {layout.shards}")
-        queued = {task.job for task in queue or []}
-        older = [each.job for each in before if each.kind == "array" and each.job in queued]
-        after = [str(job) for job in (*older, *numbers)]
-        number = slurm.submit(aggregation_script(plan, limits, after))
+        names = [str(job) for job in (*after, *numbers)]
+        number = slurm.submit(aggregation_script(plan, limits, names))
         now = datetime.now(UTC).isoformat(timespec="seconds")
         slurm.record(plan.results, Submission(number, "aggregation", now))
     except SlurmError as error:
         so_far = f"queued: {', '.join(map(str, numbers))}" if numbers else "nothing is queued"
         msg = f"{error}; {so_far}; the same command again submits what is missing"
         raise SlurmError(msg) from error
-    say(f"aggregation {number}: after {', '.join(after)}, however they end")
+    how = f"after {', '.join(names)}, however they end" if names else "at once"
+    say(f"aggregation {number}: {how}")
     return [*numbers, number]
+
+
+def _report_is_old(plan: Plan) -> bool:
+    """Tell whether there are results that the report does not know."""
+    changed = max((when for _, when in plan.results.stamps().values()), default=0)
+    report = plan.results.report_file
+    return changed > (report.stat().st_mtime_ns if report.exists() else 0)
 
 
 def describe(layout: Layout, arrays: int) -> str:

@@ -73,7 +73,7 @@ def test_any_shard_keeps_the_study_and_its_plan_where_they_are_missing(tmp_path)
     assert plan.num_rows == 12
     assert results.study_file.read_text() == study.read_text()
     results.plan_file.unlink()
-    with pytest.raises(TableError, match="`shear-sim sweep STUDY.yaml` makes it again"):
+    with pytest.raises(TableError, match=r"`shear-sim sweep STUDY\.yaml` makes it again"):
         results.plan()
     make(study, tmp_path, shard=(2, 3), jobs=1)
     assert results.plan()[0].equals(plan)

@@ -27,7 +27,7 @@ class Progress:
 
 
 def write_checkpoint(path: Path, progress: Progress) -> None:
-    """Write a checkpoint whole, for the job with the name of ``path``; an older one stays till then.
+    """Write a checkpoint whole, for the job that ``path`` names; an older one stays until then.
 
     Raises
     ------

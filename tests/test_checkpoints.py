@@ -135,6 +135,30 @@ def test_only_a_whole_checkpoint_of_this_code_is_taken_up(damage, tmp_path, monk
     assert not checkpoint.exists()
 
 
+def test_a_checkpoint_of_another_job_is_not_taken_up(tmp_path, monkeypatch, capfd):
+    """Copied or renamed by hand: a result under the wrong id would look whole."""
+    job, other = make_job(), make_job("hard discs: oscillatory")
+    undisturbed = read_table(run_job(other, folder(tmp_path, "undisturbed")))
+    jobs = folder(tmp_path, "study")
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "FIRST_BLOCK", 100)
+        with pytest.raises(Stopped):
+            run_job(job, jobs, stop=lambda: True)
+    checkpoint = jobs.parent / f"checkpoints/{job.id}.pickle"
+    checkpoint.rename(checkpoint.with_name(f"{other.id}.pickle"))
+    result = read_table(run_job(other, jobs))
+    assert "of another job" in capfd.readouterr().err
+    assert result.summary["run"]["resumed"] == 0
+    assert differences(undisturbed, result) == []
+
+
+def test_a_folder_in_the_place_of_a_checkpoint_says_what_to_do(tmp_path):
+    job, jobs = make_job(), folder(tmp_path, "study")
+    (jobs.parent / f"checkpoints/{job.id}.pickle").mkdir(parents=True)
+    with pytest.raises(IsADirectoryError, match=rf"move it away.*{job.id}.pickle"):
+        run_job(job, jobs)
+
+
 def test_a_job_that_fails_by_physics_leaves_no_checkpoint(tmp_path, monkeypatch):
     job, jobs = make_job(), folder(tmp_path, "study")
     monkeypatch.setattr(runner, "FIRST_BLOCK", 100)

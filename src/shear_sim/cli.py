@@ -1,5 +1,6 @@
 """The command line: parse, call one function, report. Heavy libraries load inside the commands."""
 
+import errno
 import json
 import signal
 import sys
@@ -586,7 +587,9 @@ def _load(study: Path) -> "Study":
 def _results(study: "Study", root: Path) -> "Results":
     from shear_sim.results import Results
 
-    return Results(root / study.name)
+    results = Results(root / study.name)
+    results.refuse_newer()
+    return results
 
 
 def _json(value: Any) -> str:
@@ -624,6 +627,9 @@ def _explain(error: Exception) -> int:
 
     if isinstance(error, StudyError | LegacyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
+        return BAD_INPUT
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        typer.echo(f"shear-sim: {error.filename}: {error.strerror}: give a shorter one", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)
     if not isinstance(error, SweepError | SlurmError | OSError):

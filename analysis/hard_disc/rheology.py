@@ -108,7 +108,9 @@ def main() -> None:
     titles = ["N", "fixed", "runs", *QUANTITIES.values(), "off prototype"]
     rows = ["| " + " | ".join(titles) + " |", "|" + " --- |" * len(titles)]
     rows += [line(row) for _, row in table.iterrows()]
-    command = f"`analysis/hard_disc/rheology.py {' '.join(f.name for f in given.results)}`"
+    command = (
+        f"`analysis/hard_disc/rheology.py {' '.join(dict.fromkeys(f.name for f in given.results))}`"
+    )
     about = f"Flow laws of hard discs, by {command}; 95 % intervals over packings.\n\n"
     alike = "".join(f"\n{line}\n" for line in both_ways(table))
     given.table.write_text(about + "\n".join(rows) + "\n" + alike)

@@ -27,9 +27,9 @@ each bar, M/ℓ at its ends. Paper (8), (9) have half of that.
 A ring of N bars has K_∂Ω = k_s tan(π/N) by itself (paper (22); not 2π/N as in (23)), and with its
 core K_∂Ω + K_Ω: ``core_ratio`` η = K_Ω/K_∂Ω.
 
-**Contacts** of vertices with segments, Eqs. (SP.6), (SP.7) of ``contacts``: a potential that counts
-everything once and is once continuously differentiable, friction that keeps angular momentum.
-Walls are planes with springs 2 k_n.
+**Contacts** of vertices with segments, Eqs. (SP.6) of ``contacts``, (SP.7) of ``friction``: a
+potential that counts everything once and is once continuously differentiable, friction that keeps
+angular momentum. Walls are planes with springs 2 k_n.
 
 **Motion.** m dv/dt = F, velocity Verlet; Eq. (SP.9) of ``motion`` is its energy balance. The step
 is a fraction of 2/ω, with a bound ω on all frequencies, cores and contacts included, Eq. (SP.10) of
@@ -40,7 +40,8 @@ elastica, that is a ring with flat contacts bears at their two ends and nowhere 
 (31), (34), F = F* L_c/ℓ, and the plateaus of its figures 16 and 18 do not follow from the model.
 A plastic one follows DeRuntz & Hodge.
 
-Reading order: ``parameters``, ``diametral``, ``system``, ``motion``, ``kernels``, ``contacts``.
+Reading order: ``parameters``, ``diametral``, ``system``, ``motion``, ``kernels``, ``contacts``,
+``friction``.
 """
 
 from collections.abc import Sequence
@@ -51,7 +52,7 @@ from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.streams import Streams
 
 POINT = SoftParticlePoint
-PHYSICS_VERSION = 1  # raised with any change of numbers; part of every job id
+PHYSICS_VERSION = 2  # raised with any change of numbers; part of every job id
 
 __all__ = [
     "COLUMNS",

@@ -36,6 +36,8 @@ from shear_sim.models.soft_particle.state import (
     Work,
 )
 
+ENOUGH = 0.8  # of the room of the lists: beyond, new ones cost less than to look again and again
+
 
 @jit
 def apply_forces(
@@ -132,6 +134,15 @@ def predict(motion: Motion, mass: Floats, drag: float, half: float) -> None:
 
 
 @jit
+def farthest(x: Floats, y: Floats, x0: Floats, y0: Floats) -> float:
+    """Return the largest distance [m] of all vertices from where they were."""
+    most = 0.0
+    for k in range(x.shape[0]):
+        most = max(most, (x[k] - x0[k]) ** 2 + (y[k] - y0[k]) ** 2)
+    return float(np.sqrt(most))
+
+
+@jit
 def march(
     chains: Chains,
     lists: Lists,
@@ -173,7 +184,10 @@ def march(
     lossy = damped or rules.dashpot > 0.0 or drag > 0.0
     for step in range(steps):
         if 2.0 * work.travelled[0] > room:
-            return step, LISTS_USED_UP
+            # Far less than the sum of the longest steps, where particles shake.
+            work.travelled[0] = farthest(motion.x, motion.y, lists.x, lists.y)
+            if 2.0 * work.travelled[0] > ENOUGH * room:
+                return step, LISTS_USED_UP
         kick(motion, mass, held, drag, half, energy)
         bodies.kick(rigid, chains.start, motion, drag, half)
         fastest = drift(motion, dt)

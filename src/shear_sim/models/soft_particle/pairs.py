@@ -4,7 +4,7 @@ import numpy as np
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
-from shear_sim.models.soft_particle.state import ONE_SIDED, TWO_SIDED, Chains, Lists
+from shear_sim.models.soft_particle.state import LAST, ONE_SIDED, TWO_SIDED, Chains, Lists
 from shear_sim.neighbours import find_pairs
 
 
@@ -37,7 +37,7 @@ def contact_kind(
         return -1
     one, other = chain[v], chain[s]
     reach = radius[one] + radius[other]
-    kind = ONE_SIDED if closed[other] == 1 else TWO_SIDED
+    kind = ONE_SIDED if closed[other] == 1 else TWO_SIDED if after[j] >= 0 else LAST
     if one == other:
         # What is near along the chain is kept apart by hinges, not by contacts.
         count = start[one + 1] - start[one]
@@ -46,7 +46,7 @@ def contact_kind(
             steps = min(steps, count - max(abs(v - s), abs(v - j)))
         if steps <= max(3, int(np.ceil(0.5 * np.pi * reach / rest_length[s]))):
             return -1
-        kind = TWO_SIDED
+        kind = max(kind, TWO_SIDED)
     near = distance_to_segment(x[v], y[v], x[s], y[s], x[j], y[j]) < reach + skin
     return kind if near else -1
 
@@ -65,7 +65,7 @@ def sort_by_vertex(
     j: Ints,
     skin: float,
 ) -> tuple[Ints, Ints, Ints]:
-    """Return the lists of `near_segments` from the pairs ``i``, ``j`` (P,) of near vertices."""
+    """Return vertex, segment and kind of `near_segments` from pairs ``i``, ``j`` of vertices."""
     vertices = x.shape[0]
     kind = np.empty((2, i.shape[0]), np.int32)
     begin = np.zeros(vertices + 1, np.int32)
@@ -81,6 +81,7 @@ def sort_by_vertex(
         begin[v + 1] += begin[v]
     segment = np.empty(begin[vertices], np.int32)
     kinds = np.empty(begin[vertices], np.int32)
+    vertex = np.empty(begin[vertices], np.int32)
     filled = np.zeros(vertices, np.int32)
     for q in range(i.shape[0]):
         for way in range(2):
@@ -93,8 +94,9 @@ def sort_by_vertex(
                 segment[at], kinds[at] = segment[at - 1], kinds[at - 1]
                 at -= 1
             segment[at], kinds[at] = s, kind[way, q]
+            vertex[begin[v] + filled[v]] = v
             filled[v] += 1
-    return begin, segment, kinds
+    return vertex, segment, kinds
 
 
 def near_segments(chains: Chains, x: Floats, y: Floats, skin: float) -> Lists:
@@ -116,9 +118,14 @@ def near_segments(chains: Chains, x: Floats, y: Floats, skin: float) -> Lists:
     height = float(y.max()) - y0 + 2.0 * (reach + skin)
     half = np.full(len(x), 0.5 * reach)
     _, i, j, _, _ = find_pairs(x - x0, y - y0, half, skin, width, height, 0.0)
+    vertex, segment, kind = sort_by_vertex(
+        chains.chain, chains.closed, chains.start, chains.after, chains.radius,
+        chains.rest_length, x, y, i, j, skin,
+    )  # fmt: skip
+    touch = chains.radius[chains.chain[vertex]] + chains.radius[chains.chain[segment]]
+    count = len(vertex)
     return Lists(
-        *sort_by_vertex(
-            chains.chain, chains.closed, chains.start, chains.after, chains.radius,
-            chains.rest_length, x, y, i, j, skin,
-        )
+        vertex, segment, kind, touch, x.copy(), y.copy(),
+        np.empty(count, np.int32), np.empty((3 * count, 4), np.int32), np.empty((3 * count, 5)),
+        np.empty(3 * count, np.int32),
     )  # fmt: skip

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point
+from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Impossible, Positive, Section
 
 
@@ -89,6 +90,7 @@ class SoftParticleRecord(Section):
     rows: Annotated[
         int | None, Field(ge=10, le=100_000, description="records; default 200, or 400 if unloaded")
     ] = None
+    snapshots: Snapshots = None
 
 
 class SoftParticlePoint(Point):
@@ -108,7 +110,15 @@ class SoftParticlePoint(Point):
     def resolved(self) -> Self:
         """Return the point with its number of records filled in."""
         rows = self.record.rows or (400 if self.shear.unload else 200)
-        return self.model_copy(update={"record": SoftParticleRecord(rows=rows)})
+        record = self.record.model_copy(update={"rows": rows})
+        return self.model_copy(update={"record": record})
+
+    @model_validator(mode="after")
+    def _keep_snapshots_within_the_run(self) -> Self:
+        strokes = 2 if self.shear.unload else 1
+        rows = self.resolved().record.rows or 0
+        check_snapshots(self.record.snapshots, 0.0, strokes, rows / strokes)
+        return self
 
     @model_validator(mode="after")
     def _have_a_core(self) -> Self:

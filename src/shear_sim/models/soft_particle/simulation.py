@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from shear_sim.models.interface import Columns
+from shear_sim.models.interface import Columns, Snapshot
+from shear_sim.models.soft_particle import snapshots
 from shear_sim.models.soft_particle.columns import COLUMNS
 from shear_sim.models.soft_particle.diametral import Diametral
 from shear_sim.models.soft_particle.parameters import (
@@ -15,7 +16,9 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticlePoint,
     SoftParticleRecord,
 )
+from shear_sim.protocol import snapshot_rows
 
+PICTURE = 3.2  # side of what a snapshot shows, in radii of the ring
 FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
 
 
@@ -28,6 +31,10 @@ class SoftParticleSimulation:
         self.rows = (self.point.record.rows or 0) + 1
         self.done = 0
         self._table = np.empty((len(COLUMNS), self.rows))
+        self.snapshots: list[Snapshot] = []
+        strokes = self.run.strokes
+        clock = np.linspace(0.0, strokes, self.rows)
+        self._kept = snapshot_rows(self.point.record.snapshots, clock, strokes)
 
     def advance(self, rows: int) -> None:
         """Make the next ``rows`` records (fewer at the end of the protocol)."""
@@ -36,6 +43,9 @@ class SoftParticleSimulation:
                 self.run.go_on()
             record = self.run.record()
             self._table[:, self.done] = [record[column.name] for column in COLUMNS]
+            if self.done in self._kept:
+                side = PICTURE * self.point.packing.radius
+                self.snapshots.append(snapshots.take(self.run.system, self.done, side))
             self.done += 1
 
     def columns(self) -> Columns:
@@ -116,6 +126,6 @@ def compile_kernels(points: Sequence[SoftParticlePoint]) -> None:  # noqa: ARG00
         packing=SoftParticlePacking(vertices=8),
         model=SoftParticle(thickness=0.3),
         shear=DiametralCompression(compression=0.01, relative_rate=0.05, unload=False),
-        record=SoftParticleRecord(rows=10),
+        record=SoftParticleRecord(rows=10, snapshots=1),
     )
     SoftParticleSimulation(point).advance(2)

@@ -20,7 +20,6 @@ RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # s
 STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)
 ENERGIES = 8
 
-FEATURES = 64  # of the contacts of one vertex
 SLOTS = 4  # separate places where one vertex can touch with friction at once
 
 
@@ -70,14 +69,25 @@ class Motion(NamedTuple):
 
 
 class Lists(NamedTuple):
-    """Segments near each vertex: those of vertex v are start[v]:start[v + 1]."""
+    """Pairs of a vertex and a segment near it, in the order of vertices, then of segments.
 
-    start: Ints  # (V + 1,)
+    And room for what is found in a step: which of them touch, and where, see ``friction``.
+    """
+
+    vertex: Ints  # (C,)
     segment: Ints  # (C,)
-    kind: Ints  # (C,) ONE_SIDED or TWO_SIDED
+    kind: Ints  # (C,) ONE_SIDED, TWO_SIDED or LAST
+    reach: Floats  # (C,) distance of touching, the sum of both radii [m]
+    x: Floats  # (V,) where the vertices were when the lists were made [m]
+    y: Floats
+    touching: Ints  # (C,)
+    place: Ints  # (3C, 4)
+    found: Floats  # (3C, 5)
+    run: Ints  # (3C,)
 
 
-ONE_SIDED, TWO_SIDED = 0, 1  # contact from outside a ring; with an open chain or itself
+# Contact from outside a ring; with an open chain or the own one; with the last segment of one.
+ONE_SIDED, TWO_SIDED, LAST = 0, 1, 2
 
 
 class Springs(NamedTuple):
@@ -154,10 +164,7 @@ class Work(NamedTuple):
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
     closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
     scratch: Floats  # (8, V) room for bars and hinges
-    found: Floats  # (FEATURES, 7) room for the contacts of one vertex, see ``contacts.friction``
-    owner: Ints  # (FEATURES,)
-    run: Ints  # (FEATURES,)
-    held: Ints  # (V,) whether a vertex had springs of friction at the step before
+    held: Ints  # (V,) features that a vertex touched with friction at the step before
 
 
 def springs(vertices: int, walls: int) -> Springs:
@@ -176,8 +183,5 @@ def work(vertices: int) -> Work:
         np.zeros(1),
         np.full(1, np.inf),
         np.zeros((8, vertices)),
-        np.zeros((FEATURES, 7)),
-        np.zeros(FEATURES, np.int32),
-        np.zeros(FEATURES, np.int32),
         np.zeros(vertices, np.int32),
     )

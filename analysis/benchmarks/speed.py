@@ -31,7 +31,7 @@ import scenes
 
 from shear_sim.models.microgel import COLUMNS
 from shear_sim.models.microgel.parameters import MicrogelPoint
-from shear_sim.models.microgel.simulation import prepare
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
 from shear_sim.study import Job

@@ -34,7 +34,8 @@ import scenes
 from shear_sim.models.microgel import COLUMNS
 from shear_sim.models.microgel.motion import renew_contacts
 from shear_sim.models.microgel.parameters import MicrogelPoint
-from shear_sim.models.microgel.simulation import MicrogelSimulation, prepare
+from shear_sim.models.microgel.preparation import prepare
+from shear_sim.models.microgel.simulation import MicrogelSimulation
 from shear_sim.neighbours import find_pairs
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams

@@ -128,6 +128,10 @@ def sweep(
     jobs: Jobs = None,
     limit: Limit = None,
     retry_failed: RetryFailed = False,
+    division: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Jobs of the n shards, a line each, as submit writes."),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the plan.")] = False,
 ) -> None:
     """Run all jobs of a study that have no result yet, on all cores.
@@ -137,7 +141,9 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
-    planned = _plan(study, results, shard, jobs, limit, retry_failed, measure=dry_run)
+    planned = _plan(
+        study, results, shard, jobs, limit, retry_failed, division=division, measure=dry_run
+    )
     typer.echo(planned)
     if not dry_run:
         from shear_sim.screen import Screen
@@ -549,6 +555,7 @@ def _plan(
     limit: int | None,
     retry_failed: bool,
     *,
+    division: Path | None = None,
     quiet: bool = False,
     measure: bool = True,
 ) -> "Plan":
@@ -562,6 +569,7 @@ def _plan(
         loaded,
         _results(loaded, results),
         shard=part,
+        division=division,
         jobs=jobs,
         limit=limit,
         retry_failed=retry_failed,

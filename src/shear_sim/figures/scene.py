@@ -202,7 +202,8 @@ class Scene:
             shown += [line(_SLIDES, "contact that slides")] * slides
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self._values else _PUSH
-            shown += [line(push, "push, as wide as strong")]
+            way = "long" if self._shell else "wide"
+            shown += [line(push, f"push, as {way} as strong")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
         if not shown:
             return None
@@ -263,16 +264,13 @@ class Scene:
 
         for collection in (self._links, self._interfaces, self._forces):
             collection.set_segments([])
-        if self._shell:
-            bars = s.kind == LINK
-            self._segments(self._links, s, place, moves, bars, to_rgba_array(_LINK))
+        if self._shell or self.contacts == "state":
+            links = s.kind == LINK
+            self._segments(self._links, s, place, moves, links, to_rgba_array(_LINK))
         if self.contacts == "none":
             return
         if self.contacts == "state":
             colours = to_rgba_array([_INTERFACE, _HOLDS, _SLIDES])
-            if not self._shell:
-                links = s.kind == LINK
-                self._segments(self._links, s, place, moves, links, to_rgba_array(_LINK))
             faces = interfaces(s)
             there = np.ptp(faces, axis=1).any(axis=1)
             segments = place[s.i[there], None] + faces[there]

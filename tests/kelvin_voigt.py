@@ -59,6 +59,8 @@ POINT = KelvinVoigtPoint
 
 
 class _Simulation:
+    snapshots = ()
+
     def __init__(self, point, streams):
         self.point, self.shear = point, point.shear
         self.period = 1.0 / point.shear.relative_frequency  # with τ = 1 s

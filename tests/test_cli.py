@@ -44,24 +44,10 @@ def test_help_loads_nothing_heavy(environment):
     assert found.stdout == b"[]\n"
 
 
-def test_help_answers_in_under_half_a_second(environment):
-    """CPU time, the best of three: the machine may be busy with something else."""
-    code = (
-        "import sys, resource, subprocess; subprocess.run(sys.argv[1:], capture_output=True);"
-        "used = resource.getrusage(resource.RUSAGE_CHILDREN); print(used.ru_utime + used.ru_stime)"
-    )
-    command = [sys.executable, "-c", "from shear_sim.cli import main; main()", "--help"]
-    times = [
-        float(subprocess.check_output([sys.executable, "-c", code, *command], env=environment))
-        for _ in range(3)
-    ]
-    assert min(times) < 0.5
-
-
 def test_every_command_explains_itself_with_an_example():
     runner = CliRunner()
     names = [c.callback.__name__.replace("_", "-") for c in cli.app.registered_commands]
-    running = ["sweep", "plan", "submit", "compile", "run", "status", "show", "verify"]
+    running = ["sweep", "plan", "submit", "compile", "run", "status", "show", "render", "verify"]
     assert names == [*running, "aggregate", "import-legacy", "report", "accuracy", "schema"]
     for name in names:
         shown = runner.invoke(cli.app, [name, "--help"])

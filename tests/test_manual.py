@@ -21,6 +21,7 @@ SMALL = """
 packing: {discs: 12, packing_fraction: 1.5}
 model: {friction: 0, links: {cut: bulk}}
 shear: {pre_periods: 0, periods: 2, post_periods: 0}
+record: {snapshots: 2}
 sweep: {grid: {shear.strain_amplitude: [0.01, 0.02]}}
 replicates: 2
 seed: 1

@@ -2,8 +2,8 @@
 
 Figure 6 of Lerner, Düring & Wyart (2013): the same start, followed from event to event and with
 soft discs. And three ratios of cost: (a) to the paper's steepest descent, equations (31) and (32)
-word by word, over a strain of 0.002; (b) to explicit soft discs of two stiffnesses; (c) of events
-followed with less accuracy.
+word by word, over a strain of 0.002; (b) to explicit soft discs of two stiffnesses; (c) of hard
+discs followed with as large errors: by events of less accuracy, and by steps of strain.
 
 .venv/bin/python analysis/hard_disc/soft.py          # 2 minutes of one core
 
@@ -25,6 +25,7 @@ from shear_sim.models.hard_disc.flow import Flow, contacts_at
 from shear_sim.models.hard_disc.packing import Start, make_start
 from shear_sim.models.hard_disc.parameters import HardDisc, HardDiscPacking
 from shear_sim.models.hard_disc.stress import stress
+from shear_sim.models.hard_disc.time_stepping import Marching
 from shear_sim.neighbours import find_pairs
 from shear_sim.streams import Streams
 
@@ -33,6 +34,9 @@ FloatArray = NDArray[np.float64]
 DISCS, PACKING_FRACTION, SEED = 100, 0.82, 1
 STRAIN, RECORDS = 0.2, 2000
 STIFFNESSES = (1e4, 1e5, 1e6, 1e7)
+ACCURACIES = (1e-12, 1e-8, 1e-4)  # with 1e-2 contacts open by over 1e-9, and runs end arrested
+STRAIN_STEPS = (2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
+ERRORS = (0.10, 0.02)  # mean |Δσ|/⟨σ⟩ at which costs are compared
 SKIN = 0.15
 LITERAL_FROM, LITERAL_STRAIN = 0.1, 0.002  # where the paper's method is timed, and over how much
 STEP, DELTA_T, STOP = 1e-6, 0.1, 1e-9  # δγ, δt ξ₀ε/λ² and max |∇U| λ/ε of the paper
@@ -125,20 +129,46 @@ def steepest_descent(x, y, radius, side, offset, increments):
     return steps
 
 
-def hard(start: Start, accuracy: float | None = None) -> Flow:
+def hard(start: Start, accuracy: float | None = None, kind: type[Flow] = Flow) -> Flow:
     drive = Drive(1.0, 0.0, 0.0, np.zeros((2, DISCS)))
-    flow = Flow(
-        start.x.copy(),
-        start.y.copy(),
-        start.radius,
-        start.mobility,
-        start.width,
-        start.height,
-        drive,
-    )
+    x, y = start.x.copy(), start.y.copy()
+    flow = kind(x, y, start.radius, start.mobility, start.width, start.height, drive)
     if accuracy is not None:
         flow.accuracy = accuracy
     return flow
+
+
+def followed(flow: Flow) -> FloatArray:
+    """Return the stress at all records, by dense output."""
+    found = np.empty(RECORDS)
+    at = STRAIN * np.arange(1, RECORDS + 1) / RECORDS
+    made = 0
+
+    def look(motion, path, step):
+        nonlocal made
+        while made < RECORDS and at[made] <= path + step * (1 + 1e-9):
+            found[made] = -stress(contacts_at(motion, at[made] - path))[1]
+            made += 1
+
+    flow.advance(STRAIN, look)
+    return found[:made]
+
+
+def marched(flow: Marching, strain_step: float) -> FloatArray:
+    """Return the stress at all records: within a step it is that of the step."""
+    flow.strain_step = strain_step
+    found = []
+    for _ in range(round(STRAIN / strain_step)):
+        flow.march()
+        found.append(-stress(flow.contacts())[1])
+    return np.repeat(found, RECORDS // len(found))
+
+
+def cost_at(wanted: float, errors: list[float], costs: list[float]) -> float:
+    """Return the cost where the error is as wanted: powers of each other from point to point."""
+    order = np.argsort(errors)
+    at = np.log(np.array(errors)[order]), np.log(np.array(costs)[order])
+    return float(np.exp(np.interp(np.log(wanted), *at)))
 
 
 def main() -> None:
@@ -152,20 +182,9 @@ def main() -> None:
     begin = time.process_time()
     flow.advance(STRAIN)
     seconds = (time.process_time() - begin) / STRAIN
-    exact = np.empty(RECORDS)
-    made = 0
+    exact = followed(hard(start))
+    made = len(exact)
     at = STRAIN * np.arange(1, RECORDS + 1) / RECORDS
-
-    def look(motion, path, step):
-        nonlocal made
-        while made < RECORDS and at[made] <= path + step * (1 + 1e-9):
-            exact[made] = -stress(contacts_at(motion, at[made] - path))[1]
-            made += 1
-
-    followed = hard(start)
-    while followed.path < STRAIN:
-        followed.step(STRAIN, look)
-    exact = exact[:made]
     print(f"N = {DISCS}, φ = {PACKING_FRACTION}, seed {SEED}, strain {STRAIN}")
     print(f"events: {seconds:.2f} s of CPU per unit strain,", end=" ")
     print(f"{flow.counts.collisions} collisions, mean stress {exact.mean():.3f}")
@@ -187,19 +206,32 @@ def main() -> None:
             end=" ",
         )
         print(f"{cost:.1f} s per unit strain: {cost / seconds:.1f} times events", flush=True)
-    for wanted in (0.10, 0.02):  # costs and errors are powers of k from point to point
-        at_k, at_cost = (
-            np.exp(np.interp(-np.log(wanted), -np.log(errors), np.log(values)))
-            for values in (STIFFNESSES, costs)
-        )
-        print(f"(b) {wanted:.0%} at k = {at_k:.1e}: {at_cost / seconds:.1f} times events")
-    for accuracy in (1e-12, 1e-8, 1e-5):
+    soft_costs = [cost_at(wanted, errors, costs) for wanted in ERRORS]
+    for wanted, cost in zip(ERRORS, soft_costs, strict=True):
+        print(f"(b) soft at {wanted:.0%}: {cost / seconds:.1f} times events")
+    for accuracy in ACCURACIES:
         loose = hard(start, accuracy)
         begin = time.process_time()
         loose.advance(STRAIN)
         cost = (time.process_time() - begin) / STRAIN
-        print(f"(c) events to {accuracy:.0e}: {cost:.2f} s per unit strain,", end=" ")
-        print(f"{loose.counts.steps} steps, drift {loose.counts.largest_drift:.1e}", flush=True)
+        error = np.abs(followed(hard(start, accuracy)) - exact).mean() / exact.mean()
+        print(f"(c) events to {accuracy:.0e}: mean |Δσ|/⟨σ⟩ = {error:.1e},", end=" ")
+        print(f"{cost:.2f} s per unit strain, {loose.counts.steps} steps,", end=" ")
+        print(f"drift {loose.counts.largest_drift:.1e}", flush=True)
+    errors, costs = [], []
+    for strain_step in STRAIN_STEPS:
+        steps_of = hard(start, kind=Marching)
+        assert isinstance(steps_of, Marching)
+        begin = time.process_time()
+        signal = marched(steps_of, strain_step)
+        costs.append((time.process_time() - begin) / STRAIN)
+        errors.append(float(np.abs(signal[:made] - exact).mean() / exact.mean()))
+        print(f"(c) steps of {strain_step:g}: mean |Δσ|/⟨σ⟩ = {errors[-1]:.3f},", end=" ")
+        print(f"{costs[-1]:.2f} s per unit strain", flush=True)
+    for wanted, soft_cost in zip(ERRORS, soft_costs, strict=True):
+        cost = cost_at(wanted, errors, costs)
+        print(f"(c) steps at {wanted:.0%}: {cost / seconds:.2f} of events,", end=" ")
+        print(f"soft discs {soft_cost / cost:.1f} times that")
     flow = hard(start)
     flow.advance(LITERAL_FROM)
     x, y = flow.x.copy(), flow.y.copy()

@@ -60,6 +60,23 @@ class Tensor(StrEnum):
     external = "external"
 
 
+class Colour(StrEnum):
+    """What particles may be coloured by."""
+
+    particle = "particle"
+    pressure = "pressure"
+    spin = "spin"
+    displacement = "displacement"
+
+
+class Contacts(StrEnum):
+    """What lines between particles may show."""
+
+    state = "state"
+    force = "force"
+    none = "none"
+
+
 OfTensor = Annotated[
     Tensor | None,
     typer.Option("--tensor", help="Whose moduli the tables are of; default: all contacts."),
@@ -287,6 +304,61 @@ def show(
     else:
         summary = read_job_summary(path)
     typer.echo(_json(summary) if as_json else f"{path}\n{describe_job(summary)}")
+
+
+@app.command()
+def render(
+    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    results: Root = RESULTS,
+    snapshot: Annotated[
+        int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="The one made nearest to this time.")
+    ] = None,
+    film: Annotated[bool, typer.Option("--film", help="All of them, as an animated GIF.")] = False,
+    colour: Annotated[
+        Colour, typer.Option(help="Of particles: their cluster of links, or a number.")
+    ] = Colour.particle,
+    contacts: Annotated[
+        Contacts | None,
+        typer.Option(help="Lines: links and what holds or slides, or forces. Default: by size."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A .png, .pdf or .gif. Default: JOB.png, JOB.gif here."),
+    ] = None,
+) -> None:
+    """Draw the snapshots of a job: particles, contacts, and strain and stress beside them.
+
+    For jobs whose study says `record: {snapshots: N}`. Links are blue with an orange interface,
+    interfaces that hold are red, those that slide green. Images of the cell are dimmed.
+    Displacements are beside the affine flow, since the first snapshot.
+
+    Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
+    shear-sim render 3f9c21 --time 0.5 --contacts force --out forces.pdf
+    """
+    from shear_sim import render as module
+    from shear_sim.results import find_job
+
+    suffixes = (".gif",) if film else (".png", ".pdf")
+    if out is not None and out.suffix not in suffixes:
+        msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
+        raise typer.BadParameter(msg)
+    if (snapshot is not None) + (time is not None) + film > 1:
+        msg = "--snapshot, --time and --film say different things: give one of them"
+        raise typer.BadParameter(msg)
+    kept = module.read_kept(find_job(job, results))
+    path = out or Path(f"{kept.path.stem}{suffixes[0]}")
+    look = (colour.value, contacts and contacts.value)
+    if film:
+        module.write_film(kept, path, *look)
+    else:
+        number = -1 if snapshot is None else snapshot
+        module.write_picture(
+            kept, path, number if time is None else module.nearest(kept, time), *look
+        )
+    typer.echo(f"written: {path}")
 
 
 @app.command()

@@ -1,14 +1,17 @@
-"""Imposed shear: the sections of a study file, and the strain they impose.
+"""Imposed shear: the sections of a study file, the strain they impose, and when to keep snapshots.
 
 A protocol is a rest, a shear and a rest, counted in periods T = τ / relative_frequency.
 Time starts at 0 with the first rest.
 """
 
+import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from shear_sim.schema import PERCENT, NonNegative, Positive, Section, default_kind
+from shear_sim.schema import PERCENT, Impossible, NonNegative, Positive, Section, default_kind
 
 
 class OscillatoryShear(Section):
@@ -54,3 +57,84 @@ class SteadyShear(Section):
 Shear = Annotated[
     OscillatoryShear | SteadyShear, Field(discriminator="kind"), default_kind("oscillatory")
 ]
+
+
+def _number_or_moments(value: object) -> object:
+    moments = value if isinstance(value, list | tuple) else (value,)
+    numbers = [each for each in moments if isinstance(each, int | float) and each is not True]
+    counts = moments is value or (isinstance(value, int) and value >= 1)
+    if value is None or (counts and moments and len(numbers) == len(moments)):
+        return value
+    msg = "must be a number of snapshots, a whole one from 1 on, or a list of moments"
+    raise ValueError(msg)
+
+
+#: ``record.snapshots`` of all models. Whoever keeps none has the job ids of a program without them.
+Snapshots = Annotated[
+    int | Annotated[tuple[float, ...], Field(strict=False)] | None,
+    BeforeValidator(_number_or_moments),
+    Field(
+        exclude_if=lambda value: value is None,
+        description="also keep particles and contacts: so many times per unit, or at these moments "
+        "[units]. The unit is a period, if the shear oscillates, from the begin of the shear; else "
+        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke",
+    ),
+]
+
+
+def check_snapshots(
+    wanted: int | tuple[float, ...] | None, first: float, last: float, records: float
+) -> None:
+    """Refuse snapshots outside of the run, and more of them than records.
+
+    Parameters
+    ----------
+    wanted : int or tuple of float or None
+        ``record.snapshots``.
+    first, last : float
+        When the run begins and ends, in units of the protocol.
+    records : float
+        Records per unit.
+
+    Raises
+    ------
+    Impossible
+        If there are such.
+    """
+    if isinstance(wanted, int) and wanted > records * (1 + 1e-9):
+        message = (
+            f"{wanted} snapshots in a unit of the protocol (a period, a strain of 1), in which "
+            f"there are {records:.4g} records: at most that many"
+        )
+        raise Impossible([(("record.snapshots",), message)])
+    if isinstance(wanted, tuple):
+        margin = 1e-9 * (last - first)
+        outside = [t for t in wanted if not first - margin <= t <= last + margin]
+        if outside:
+            message = f"{outside[0]:g} is not within the run, from {first:g} to {last:g}"
+            raise Impossible([(("record.snapshots",), message)])
+
+
+def snapshot_rows(
+    wanted: int | tuple[float, ...] | None, clock: NDArray[np.float64], end: float
+) -> tuple[int, ...]:
+    """Return the records nearest to the moments at which snapshots are wanted, in order.
+
+    Parameters
+    ----------
+    wanted : int or tuple of float or None
+        ``record.snapshots``: n is at every n-th of a unit, from 0 to ``end``.
+    clock : (rows,)
+        When each record is made, in units of the protocol; increases.
+    end : float
+        When the shear ends.
+    """
+    if wanted is None:
+        return ()
+    if isinstance(wanted, int):
+        moments = np.arange(math.floor(end * wanted * (1 + 1e-12)) + 1) / wanted
+    else:
+        moments = np.array(wanted)
+    after = np.searchsorted(clock, moments).clip(1, len(clock) - 1)
+    before_is_nearer = moments - clock[after - 1] < clock[after] - moments
+    return tuple(np.unique(after - before_is_nearer).tolist())

@@ -6,6 +6,7 @@
       study.yaml            the study file as given
       plan.parquet          the jobs of the study as last planned: id, labels, varied keys
       jobs/<job id>.parquet one per finished job: series and summary
+      snapshots/<job id>.gsd, .contacts.parquet   particles and contacts, where they are recorded
       failed/<job id>.json  one per failed job: why
       submissions/          one file per job number of Slurm
       checkpoints/          jobs that were stopped, or take long: they go on from there
@@ -27,7 +28,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from shear_sim import models
+from shear_sim import models, snapshots
 from shear_sim.tables import (
     Table,
     TableError,
@@ -80,6 +81,7 @@ class Results:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.jobs = folder / "jobs"
+        self.snapshots = folder / "snapshots"
         self.failed = folder / "failed"
         self.checkpoints = folder / "checkpoints"
         self.submissions = folder / "submissions"
@@ -127,6 +129,7 @@ class Results:
             for path in self.checkpoints.glob("*.pickle"):
                 if self.job_file(path.stem).exists():  # by another run of the same job
                     path.unlink(missing_ok=True)
+            remove_partial(self.snapshots)
             remove_partial(self.folder)
             if not keep_plan:
                 return
@@ -295,16 +298,23 @@ class Results:
         for job in sorted(self.finished()):
             path = self.job_file(job)
             try:
-                read_table(path)
+                summary = read_table(path).summary
                 _index_row(path, (0, 0))
             except TableError as error:
                 found[job] = str(error)
+            else:
+                kept = "snapshots" in summary
+                if kept and (problem := snapshots.damage(self.snapshots, job)):
+                    found[job] = problem
         return found
 
     def set_aside(self, job: str) -> Path:
         """Move a damaged result to ``damaged/``, so that its job runs again; return where it is."""
         folder = self.folder / "damaged"
         folder.mkdir(exist_ok=True)
+        for path in snapshots.paths(self.snapshots, job):
+            if path.exists():
+                path.replace(folder / path.name)
         return self.job_file(job).replace(folder / f"{job}.parquet")
 
     def summaries(self, jobs: Iterable[str]) -> list[dict[str, Any]]:

@@ -20,6 +20,7 @@ from shear_sim.compiled import processor
 from shear_sim.models.interface import SimulationError
 from shear_sim.results import FORMAT
 from shear_sim.rheology import summarise
+from shear_sim.snapshots import write_snapshots
 from shear_sim.tables import write_table
 
 if TYPE_CHECKING:
@@ -87,9 +88,14 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
         "parameters": what["parameters"],
         **simulation.summary(),
     }
-    measured = summarise({**columns, **model.derive(columns)}, summary["protocol"])
+    everything = {**columns, **model.derive(columns)}
+    measured = summarise(everything, summary["protocol"])
     summary |= measured | {"flags": {**summary["flags"], **measured["flags"]}}
     summary["run"] = {**clock.read(progress), **environment(), "files": what["files"]}
+    if simulation.snapshots:
+        # First: a job whose table is there is done.
+        write_snapshots(folder.with_name("snapshots"), job.id, simulation.snapshots, everything)
+        summary["snapshots"] = {"count": len(simulation.snapshots)}
     chosen = job.point.recorded or tuple(columns)
     write_table(path, {name: columns[name] for name in chosen}, model.COLUMNS, summary)
     checkpoint.unlink(missing_ok=True)

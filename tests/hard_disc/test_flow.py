@@ -1,13 +1,15 @@
 """Long motions: what must hold at every step, and what must not matter."""
 
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hard_discs import overlap, packed_flow
 
 from shear_sim.models.hard_disc.factor import Factor, back_substitute, factorise, triangularise
-from shear_sim.models.hard_disc.series import first_crossing
+from shear_sim.models.hard_disc.flow import contacts_at
+from shear_sim.models.hard_disc.series import first_crossing, travel
 
 
 def distance(one, other):
@@ -79,13 +81,50 @@ def test_the_integration_error_is_far_below_a_millionth():
     assert max(worst) < 1e-8
 
 
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
 def test_the_area_follows_the_compression():
-    """½ ln(φ_end/φ_start) = ∫κ: two series that are integrated independently."""
+    """½ ln(φ_end/φ_start) = ∫κ, of the run and by quadrature of the κ that records show."""
     f = packed_flow(packing_fraction=0.79, shear=1, compression=10, pressure=10)
     start = f.packing_fraction
-    f.advance(0.5)
-    assert 0.5 * np.log(f.packing_fraction / start) == pytest.approx(f.squeezed, abs=1e-12)
-    assert abs(f.squeezed) > 1e-3
+    squeezed = 0.0
+
+    def look(motion, path, step):
+        nonlocal squeezed
+        at = 0.5 * step * (1 + NODES)
+        kappa = [contacts_at(motion, t).kappa for t in at]
+        squeezed += 0.5 * step * (WEIGHTS @ kappa)
+
+    f.advance(0.5, look)
+    change = 0.5 * np.log(f.packing_fraction / start)
+    assert change == pytest.approx(f.squeezed, abs=1e-12)
+    assert change == pytest.approx(squeezed, abs=1e-8)
+    assert abs(change) > 1e-3
+
+
+@pytest.mark.parametrize("pressure", [0.0, 100.0])
+def test_nothing_overlaps_inside_a_step(pressure):
+    """At four places within each step; the promise is 1e-9 mean diameters."""
+    f = packed_flow(shear=1, compression=10.0 if pressure else 0.0, pressure=pressure)
+    worst = []
+
+    def look(motion, path, step):
+        for t in step * np.array([0.2, 0.5, 0.8, 0.95]):
+            x, y = motion.x.copy(), motion.y.copy()
+            travel(x, y, np.zeros((2, len(x))), motion.u, motion.kappa, motion.shear, t)
+            now = contacts_at(motion, t)
+            shrink = np.sqrt(now.area / motion.area[0])
+            offset = (motion.offset + motion.shear * t * motion.height) * shrink
+            cell = {"width": motion.width * shrink, "height": motion.height * shrink}
+            place = {"x": x, "y": y, "radius": f.radius, "unit": f.unit, "offset": offset}
+            worst.append(overlap(SimpleNamespace(**place, **cell)))
+            worst.append(np.abs(now.gap).max(initial=0.0) / f.unit)
+
+    f.advance(0.25)
+    f.advance(0.35, look)
+    assert len(worst) >= 200
+    assert max(worst) < 1e-12
 
 
 def test_contacts_across_a_new_neighbour_list_stay():

@@ -98,6 +98,21 @@ def test_a_cage_of_immobile_discs_jams_the_one_inside():
     assert f.path == pytest.approx(np.log(1.3), rel=1e-12)
 
 
+def test_a_disc_on_two_contacts_is_a_rattler():
+    """Beside the caged disc another one lies in the notch of two of the cage, pushed into it."""
+    angles = np.array([-np.pi / 2, np.pi / 6, 5 * np.pi / 6])
+    cage = 10 + 1.02 * np.column_stack([np.cos(angles), np.sin(angles)])
+    f = flow(
+        [(10, 10), *cage, (10, 11.75)], [0.5, 0.5, 0.5, 0.5, 0.6], mobility=[1, 0, 0, 0, 1],
+        compression=1, velocity=[(0, 0)] * 4 + [(0, -50)],
+    )  # fmt: skip
+    found = jam(f)
+    assert is_proof(found)
+    assert (found["contacts"], found["discs"], found["rattlers"]) == (3, 1, [4])
+    c = f.contacts()
+    assert ((c.i == 4) | (c.j == 4)).sum() == 2
+
+
 def test_discs_with_fewer_than_three_contacts_do_not_count():
     """A chain hangs on a tetrahedron's graph: pruned one by one."""
     i = np.array([0, 0, 0, 1, 1, 2, 3, 4])

@@ -124,6 +124,33 @@ def test_arrest_says_where_and_why_and_keeps_its_records(monkeypatch):
     assert len(run.columns()["time"]) == run.done
 
 
+def test_events_without_motion_are_arrest(monkeypatch):
+    run = hard_disc.start(point(shear=STEADY), Streams(3, 0))
+    run.advance(100)
+    monkeypatch.setattr("shear_sim.models.hard_disc.flow.STALLED", np.inf)
+    monkeypatch.setattr("shear_sim.models.hard_disc.flow.MOST_STALLED", 5)
+    run.advance(1000)
+    assert run.status == "arrested"
+    assert "5 events in a row without motion" in run.stopped
+
+
+@pytest.mark.parametrize("pressure", [1.0, 30.0, 1000.0])
+def test_the_pressure_of_stored_positions_and_forces(pressure):
+    """p = Σ f r / 2Ω from the state in the summary, with the distances of its positions."""
+    shear = STEADY | {"scaled_pressure": pressure}
+    state = finished(point(shear=shear, record={"rows": 20, "state": True})).summary()["state"]
+    i, j = state["contact_i"], state["contact_j"]
+    x, y = np.array(state["x"]), np.array(state["y"])
+    dy = y[j] - y[i]
+    up = np.rint(dy / state["height"])
+    dx = x[j] - x[i] - up * state["offset"]
+    dx -= state["width"] * np.rint(dx / state["width"])
+    distance = np.hypot(dx, dy - up * state["height"])
+    assert distance == pytest.approx(np.array(state["radius"])[i] + np.array(state["radius"])[j])
+    area = state["width"] * state["height"]
+    assert distance @ state["contact_force"] / (2 * area) == pytest.approx(pressure, rel=1e-10)
+
+
 def test_too_dense_a_start_says_so():
     given = point(packing={"packing_fraction": 0.9, "attempts": 2})
     with pytest.raises(SimulationError, match="no overlap-free start after 2 attempts"):

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 import traceback
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from scenes import evaluate, finish, packing_point, prepared
 
 from shear_sim.models.interface import SimulationError
-from shear_sim.models.microgel import laws, motion
+from shear_sim.models.microgel import laws
 from shear_sim.models.microgel import simulation as simulation_module
 from shear_sim.models.microgel.parameters import CustomLaw, LinearLaw, Links
 from shear_sim.models.microgel.simulation import kernels_for
@@ -139,34 +138,19 @@ def contact_force(d, D, k, repulsion):
 
 
 def test_a_users_law_is_as_good_as_a_built_in_one():
-    """The same formula gives the same bits in a whole run, at about the same speed.
-
-    An interpreted call-back is slower by a factor of 100 and more.
-    """
+    """The same formula gives the same bits in a whole run."""
     shear = OscillatoryShear(pre_periods=0, periods=0.5, post_periods=0)
 
     def run(**law):
         s = prepared(
             packing_point(discs=30, friction=0.3, links=Links(cut="cells"), shear=shear, **law)
         )
-        return s, finish(s)
+        return finish(s)
 
-    a, ours = run()
-    b, theirs = run(contact_law=CustomLaw(kind="custom", source=BUILT_IN))
+    ours = run()
+    theirs = run(contact_law=CustomLaw(kind="custom", source=BUILT_IN))
     for name, values in ours.items():
         assert np.array_equal(values, theirs[name]), name
-
-    def seconds(s):
-        best = np.inf
-        s.contacts = motion.renew_contacts(s.discs, s.work, s.links, s.contacts, s.constants, 0.0)
-        for _ in range(20):
-            start = time.perf_counter()
-            for _ in range(200):
-                evaluate(s)
-            best = min(best, time.perf_counter() - start)
-        return best
-
-    assert seconds(b) < 2 * seconds(a)
 
 
 def test_a_users_file_without_the_function_is_a_clear_error():

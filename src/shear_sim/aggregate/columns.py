@@ -144,7 +144,7 @@ FLAGS = (
     Column("flagged", "", "has flags, or no result; counted in all the same"),
 )
 #: Flags that a model sets itself.
-MODEL_FLAGS = ("not_at_rest", "stopped_early", "deep_overlap")
+MODEL_FLAGS = ("not_at_rest", "stopped_early", "deep_overlap", "forces_nonunique")
 STEADY = (
     (Column("shear_stress", "Pa", "mean over the late half of the strain"), "steady.shear_stress"),
     (

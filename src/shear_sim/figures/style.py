@@ -148,16 +148,28 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
     list of Path
         The files written.
     """
+    paths = [stem.with_suffix(".png"), stem.with_suffix(".pdf")]
+    for path in paths:
+        save_as(figure, path)
+    return paths
+
+
+def save_as(figure: "Figure", path: Path) -> None:
+    """Write a figure as PNG or PDF, by the ending of ``path``; see `save`."""
     import matplotlib as mpl
     from PIL import Image
 
-    paths = [stem.with_suffix(".png"), stem.with_suffix(".pdf")]
     with mpl.rc_context(_RC):
         figure.set_dpi(DPI)
-        # Finding places for everything costs more than drawing it: once, for both files.
+        # Finding places for everything costs more than drawing it: once, for all files.
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
             figure.set_layout_engine("none")
+        if path.suffix == ".pdf":
+            # Without the library's version and the time in it, the same figure is the same file.
+            nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
+            figure.savefig(path, dpi=DPI, metadata=nothing)
+            return
         drawn = BytesIO()
         figure.savefig(drawn, format="rgba", dpi=DPI)
         size = int(figure.bbox.width), int(figure.bbox.height)
@@ -165,11 +177,7 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
         if not any(axis.get_label() == "<colorbar>" for axis in figure.axes):
             # Without a gradient, a palette of 256 makes a third of the file, and looks the same.
             whole = whole.quantize(method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-        whole.save(paths[0], dpi=(DPI, DPI))
-        # Without the library's version and the time in it, the same figure is the same file.
-        nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
-        figure.savefig(paths[1], dpi=DPI, metadata=nothing)
-    return paths
+        whole.save(path, dpi=(DPI, DPI))
 
 
 def shades(count: int) -> "list[Any]":

@@ -22,11 +22,47 @@ class Column(NamedTuple):
     description: str
 
 
+#: What holds two particles apart or together: ``Snapshot.kind`` counts through them.
+CONTACT_KINDS = ("link", "contact", "sliding")
+LINK, CONTACT, SLIDING = range(3)
+
+
+class Snapshot(NamedTuple):
+    """N particles and C contacts at one record, in the units of the model (SI where it has them).
+
+    Contact c pushes particle j along n = separation/|separation| with the force ``normal``, and
+    along (−n_y, n_x) with ``tangential``, and i the other way. So Σ f_a r_b / area over contacts,
+    f on j and r the separation, is the stress of the model's Love–Weber sum, compression positive.
+    """
+
+    row: int  # of the result table
+    width: float  # of the cell
+    height: float
+    offset: float  # displacement of its upper image in x
+    periodic: bool  # else the cell is only what a picture shows
+    position: NDArray[np.float64]  # (N, 2), in the cell or any image of it
+    velocity: NDArray[np.float64]  # (N, 2), of the flow and relative to it
+    spin: NDArray[np.float64]  # (N,) angular velocity, counter-clockwise
+    radius: NDArray[np.float64]  # (N,)
+    fixed: NDArray[np.bool_]  # (N,) does not move by itself
+    i: NDArray[np.int32]  # (C,)
+    j: NDArray[np.int32]  # −1 − w is wall w
+    separation: NDArray[np.float64]  # (C, 2) from i to the image of j that it meets
+    normal: NDArray[np.float64]
+    tangential: NDArray[np.float64]
+    kind: NDArray[np.int8]  # of CONTACT_KINDS; only links may pull
+    walls: NDArray[np.float64]  # (W, 3) n_x, n_y, position: the half-plane n·x < position
+
+
 class Simulation(Protocol):
     """A prepared simulation: asked for its records, a block at a time.
 
     It may be pickled between two blocks: a copy goes on to the same bits.
     """
+
+    @property
+    def snapshots(self) -> Sequence[Snapshot]:
+        """What ``record.snapshots`` of the point asked for, so far; never changes the motion."""
 
     @property
     def rows(self) -> int:

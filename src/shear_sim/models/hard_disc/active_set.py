@@ -28,6 +28,7 @@ FORCE_TOLERANCE = 1e-12  # of the mean force: contacts with less may open
 PATIENCE = (
     2  # so many times the number of contacts may join at one instant before they go in circles
 )
+STALLED = 200  # events in a row without motion that are a circle, too
 SPEED_TOLERANCE = 1e-11  # of the fastest disc: pairs that approach slower may be contacts or not
 
 
@@ -257,7 +258,15 @@ class ActiveSet:
             self._keep(~wrong)
         self.settle(now, touch)
 
-    def settle(self, now: Instant, touch: float, *, solved: bool = False) -> list[int]:
+    def settle(
+        self,
+        now: Instant,
+        touch: float,
+        *,
+        solved: bool = False,
+        opened: int = -1,
+        stalled: int = 0,
+    ) -> list[int]:
         """Make the forces those of this instant, from a set and forces near them.
 
         Parameters
@@ -267,6 +276,10 @@ class ActiveSet:
             Gap up to which pairs touch.
         solved : bool
             Whether the forces are those of the set already, so that only new contacts count.
+        opened : int
+            Pair whose force has just vanished: it stays open unless it clearly approaches.
+        stalled : int
+            Events in a row without motion.
 
         Returns
         -------
@@ -286,16 +299,21 @@ class ActiveSet:
         refused = self.open_pairs.copy()
         patience = PATIENCE * (len(self.pairs) + 10)
         overlap = 0.0
+        gap = now.gap
+        if opened >= 0:  # its gap is 0 but for round-off, and so are its force and speed
+            gap = now.gap.copy()
+            gap[opened] = max(0.0, gap[opened])
         for tried in range(10 * patience):
             u = self.velocities(now)
             tolerance = 1e-10 + SPEED_TOLERANCE * float(np.abs(u).max())
-            if tried > patience:
+            circles = max(tried // patience, stalled // STALLED)
+            if circles:
                 # In crystals contacts depend on each other but for the round-off of their gaps,
                 # and which of them bear force is nobody's: only what makes them overlap counts.
-                tolerance *= 10.0 ** (tried // patience)
+                tolerance *= 10.0**circles
                 overlap = -touch
             pair, speed = most_violated(
-                *now[:5], refused, u, now.drive.shear, self.kappa, touch, tolerance, overlap
+                *now[:4], gap, refused, u, now.drive.shear, self.kappa, touch, tolerance, overlap
             )
             if pair < 0 and self.factorisations > before:
                 return joined
@@ -348,7 +366,7 @@ class ActiveSet:
         self.factor = make_factor(i, j, rx, ry, now.mobility, with_border)
         lone = (now.mobility[i] + now.mobility[j]) * (rx**2 + ry**2)
         pivot = self.factor.pivot / lone[: len(self.factor.pivot)]
-        if with_border and pivot.min(initial=1.0) > NEARLY_DEPENDENT and len(i) > 1:
+        if with_border and pivot.min(initial=1.0) > DEPENDENT and len(i) > 1:
             s, e, m = self.factor.corner
             corner = (s * m + e * e) / (lone[-1] * m)
             pivot = np.append(pivot, corner if corner > CORNER else 0.0)
@@ -405,9 +423,13 @@ class ActiveSet:
             self.drop(int(wrong[first]))
 
     def _must_balance(self, now: Instant) -> None:
-        if not self._balance(now):
-            msg = "the contacts have come to depend on each other"
-            raise Arrested(msg)
+        """Balance, without contacts that have come to depend on others: those hold them too."""
+        while not self._balance(now):
+            if now.permanent[self.pairs[self._weakest]]:
+                msg = "the contacts have come to depend on each other"
+                raise Arrested(msg)
+            self.dependent += 1
+            self.drop(self._weakest)
 
     def _add(self, pair: int, speed: float, tolerance: float, now: Instant) -> bool:
         """Bring a pair that approaches with w = ``speed`` into the set; tell whether it stayed."""

@@ -48,8 +48,9 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``contacts`` N_c and ``discs`` N̄ of the constrained subset, ``isostatic`` (N_c = 2 N̄ − 1 in
-        integers; 2 N̄ + 1 where immobile discs, which do not count, hold the packing in place),
+        ``contacts`` N_c that bear force and ``discs`` N̄ on which they do, ``isostatic`` (integers:
+        N_c = 2 N̄ − 1, or 2 N̄ + 1 where immobile discs, which do not count, hold the packing in
+        place; and all these discs are `constrained`: equal ones can stand in rows on two contacts),
         ``least_force`` = min f₀/⟨f₀⟩ of what may only push, ``unbalanced_force`` = max |Sᵀf₀|/⟨f₀⟩,
         ``second_singular_value`` of S (unit rows) on the contacts that bear force, ``load`` =
         ⟨f₀|q⟩/⟨f₀⟩ (negative: f₀ resists), ``rattlers`` (numbers of the discs that bear none). The
@@ -65,8 +66,10 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
         missing = bonds[held[now.i[bonds]] & ~np.isin(bonds, pairs)]
         pairs, phi = np.append(pairs, missing), np.append(phi, np.zeros(len(missing)))
         i, j, rx, ry = now.contacts(pairs)
+        whole = True
     else:
-        held = constrained(i, j, ~mobile)
+        held = np.isin(np.arange(len(mobile)), np.concatenate([i, j]))
+        whole = np.array_equal(held & mobile, constrained(i, j, ~mobile) & mobile)
     held &= mobile
     pushing = now.permanent[pairs] == 0
     distance = np.hypot(rx, ry)
@@ -88,7 +91,7 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
         "path": path,
         "contacts": contacts,
         "discs": bearing,
-        "isostatic": contacts == 2 * bearing + (-1 if mobile.all() else 1),
+        "isostatic": whole and contacts == 2 * bearing + (-1 if mobile.all() else 1),
         "least_force": float(force[pushing].min()),
         "unbalanced_force": float(np.abs(matrix.T @ force).max()),
         "smallest_singular_value": float(singular[-1]),

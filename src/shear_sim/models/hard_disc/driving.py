@@ -68,6 +68,22 @@ def make_records(shear: HardDiscShear, rows: int) -> Records:
     return Records(path, time, strain, rate, np.abs(rate))
 
 
+def rest(records: Records, begin: float, end: float, shear: float) -> None:
+    """Let the strain of ``records`` stand still on the path from ``begin`` to ``end``, in place.
+
+    Parameters
+    ----------
+    records : Records
+    begin, end : float
+        Where jammed discs stop, and where their stage ends.
+    shear : float
+        The shear per path that they do not take part in.
+    """
+    path = records.path
+    records.strain[:] -= shear * np.clip(path - begin, 0.0, end - begin)
+    records.strain_rate[(path > begin) & (path <= end * (1.0 + ROUNDING))] = 0.0
+
+
 class Driving(Protocol):
     """The drive, until it changes."""
 

@@ -53,7 +53,7 @@ class Dense(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """The contacts (n,) at one instant, and the cell."""
+    """The contacts (n,) at one instant, and the cell with its discs."""
 
     i: Ints
     j: Ints
@@ -64,6 +64,11 @@ class Contacts(NamedTuple):
     kappa: float
     area: float
     squeezed: float
+    x: Floats  # (N,)
+    y: Floats
+    width: float
+    height: float
+    offset: float
 
 
 def contacts_at(motion: Dense, t: float) -> Contacts:
@@ -80,6 +85,7 @@ def contacts_at(motion: Dense, t: float) -> Contacts:
     return Contacts(
         motion.pairs.i, motion.pairs.j, rx, ry, gap, evaluate(motion.phi, t),
         float(evaluate(motion.kappa, t)), area, motion.squeezed + squeeze,
+        x, y, width, height, offset,
     )  # fmt: skip
 
 
@@ -200,6 +206,7 @@ class Flow:
         return Contacts(
             self.pairs.i[c], self.pairs.j[c], self.rx[c], self.ry[c], self.gap[c], self.set.phi,
             self.set.kappa, self.area, self.squeezed,
+            self.x, self.y, self.width, self.height, self.offset,
         )  # fmt: skip
 
     def turn(self, drive: Drive) -> None:
@@ -274,9 +281,14 @@ class Flow:
         self._strained = strained
         now.phi, now.kappa = evaluate(phi, step), float(evaluate(kappa, step))
         self._count(step, order, kind, error, reach)
+        opened = -1
         if kind == OPENING:
+            opened = int(now.pairs[which])
             now.drop(which)
-        now.settle(self.instant(), self.touch, solved=kind == COLLISION)
+        now.settle(
+            self.instant(), self.touch,
+            solved=kind == COLLISION, opened=opened, stalled=self._stalled,
+        )  # fmt: skip
         self._close_gaps()
 
     def _move(self, step: float, u: Floats, kappa: Floats, area: Floats) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from shear_sim.models.interface import Point
+from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
 
 CLOSEST = math.pi / math.sqrt(12)  # packing fraction of the densest packing of equal discs
@@ -209,11 +210,18 @@ class HardDiscOscillatoryShear(Section):
     periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
 
 
+TimeUnit = Annotated[
+    Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
+]
+Duration = Annotated[Positive, Field(description="of the run [τ]")]
+Transient = Annotated[Fraction, Field(description="part of the duration before means are taken")]
+
+
 class HardDiscSelfPropulsion(Section):
     """Discs that push themselves: a force on each, of mean square 1, in units of τ = λ/(f ξ₀)."""
 
     kind: Literal["self_propelled"]
-    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    duration: Duration = 50.0
     persistence: Annotated[
         Positive, Field(description="a force lasts a time uniform between 0 and this [τ]")
     ] = 10.0
@@ -221,28 +229,20 @@ class HardDiscSelfPropulsion(Section):
         Literal["uniform", "fixed"],
         Field(description="magnitude: uniform from 0 (paper, section V B), or the same for all"),
     ] = "uniform"
-    time_unit: Annotated[
-        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
-    ] = 1.0
-    transient: Annotated[
-        Fraction, Field(description="part of the duration before means are taken")
-    ] = 0.3
+    time_unit: TimeUnit = 1.0
+    transient: Transient = 0.3
 
 
 class HardDiscBodyForce(Section):
     """A force on every disc, as its weight, in units of τ = λ/(f ξ₀), f: of a mean small disc."""
 
     kind: Literal["body_force"]
-    duration: Annotated[Positive, Field(description="of the run [τ]")] = 50.0
+    duration: Duration = 50.0
     inclination: Annotated[
         float, Field(ge=-180, le=180, description="of the floor [degrees]; 0: straight down, −y")
     ] = 0.0
-    time_unit: Annotated[
-        Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
-    ] = 1.0
-    transient: Annotated[
-        Fraction, Field(description="part of the duration before means are taken")
-    ] = 0.3
+    time_unit: TimeUnit = 1.0
+    transient: Transient = 0.3
 
 
 class HardDiscStage(Section):
@@ -256,7 +256,10 @@ class HardDiscStage(Section):
 
 
 class HardDiscStages(Section):
-    """Drives one after another: start and stop, reversal, compression and then shear."""
+    """Drives one after another: start and stop, reversal, compression and then shear.
+
+    Discs that jam rest until the next stage begins; where there is none the run ends.
+    """
 
     kind: Literal["stages"]
     stages: Annotated[tuple[HardDiscStage, ...], Field(min_length=1, strict=False)]
@@ -316,6 +319,7 @@ class HardDiscRecord(Section):
     state: Annotated[
         bool, Field(description="keep where discs and contacts are at the end in the summary")
     ] = False
+    snapshots: Snapshots = None
 
 
 class HardDiscPoint(Point):
@@ -349,6 +353,22 @@ class HardDiscPoint(Point):
             default = 400 * shear.periods
         rows = self.record.rows or default
         return self.model_copy(update={"record": self.record.model_copy(update={"rows": rows})})
+
+    @model_validator(mode="after")
+    def _keep_snapshots_within_the_run(self) -> Self:
+        shear, rows = self.shear, self.resolved().record.rows or 0
+        if isinstance(shear, HardDiscSteadyShear):
+            last = shear.strain
+        elif isinstance(shear, HardDiscCompression):
+            last = abs(shear.compression)
+        elif isinstance(shear, HardDiscStages):
+            last = shear.length
+        elif isinstance(shear, HardDiscOscillatoryShear):
+            last = float(shear.periods)
+        else:
+            last = shear.duration
+        check_snapshots(self.record.snapshots, 0.0, last, rows / last)
+        return self
 
     def check_files(self) -> None:
         """Check the contents of the start file; see `Point.check_files`."""

@@ -7,10 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.hard_disc.active_set import Arrested, Jammed, velocities
+from shear_sim.models.hard_disc.active_set import Arrested, Drive, Jammed, velocities
 from shear_sim.models.hard_disc.certificate import certify, is_proof
 from shear_sim.models.hard_disc.columns import COLUMNS
-from shear_sim.models.hard_disc.driving import ROUNDING, make_driving, make_records
+from shear_sim.models.hard_disc.driving import (
+    ROUNDING,
+    Staged,
+    make_driving,
+    make_records,
+    rest,
+)
 from shear_sim.models.hard_disc.flow import Contacts, Dense, Flow, contacts_at
 from shear_sim.models.hard_disc.packing import make_start
 from shear_sim.models.hard_disc.parameters import (
@@ -25,7 +31,8 @@ from shear_sim.models.hard_disc.parameters import (
 )
 from shear_sim.models.hard_disc.stress import duration, slowness, stress
 from shear_sim.models.hard_disc.time_stepping import Marching
-from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.interface import CONTACT, LINK, Columns, SimulationError, Snapshot
+from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
@@ -44,10 +51,11 @@ class HardDiscSimulation:
         self.path = self.records.path
         self.driving = make_driving(shear, start.radius, start.mobility, streams)
         by_steps = point.integrator.scheme == "time_steps"
+        still = Drive(0.0, 0.0, 0.0, np.zeros((2, len(start.x))))  # until the first record
         try:
             self.flow: Flow = (Marching if by_steps else Flow)(
                 start.x, start.y, start.radius, start.mobility, start.width, start.height,
-                self.driving.drive, offset=start.offset, bonds=start.bonds,
+                still, offset=start.offset, bonds=start.bonds,
             )  # fmt: skip
         except ValueError as error:  # what the user's file holds
             raise SimulationError(str(error)) from None
@@ -56,8 +64,15 @@ class HardDiscSimulation:
         self.done = 0
         self.status = "flowing"
         self.certificate: dict[str, Any] | None = None
+        self.jams: list[dict[str, Any]] = []  # certificates of stages that another one follows
         self.stopped: str | None = None
+        self._begun = False
         self._made = 0
+        self.snapshots: list[Snapshot] = []
+        clock = self.path
+        if isinstance(shear, HardDiscOscillatoryShear):
+            clock = self.records.time / shear.period
+        self._kept = snapshot_rows(self.point.record.snapshots, clock, float(clock[-1]))
         self._table = np.empty((len(COLUMNS), len(self.path)))
         self.power_residual = self.least_force = self.largest_gap = 0.0
         self._seconds = 0.0  # of a flow at fixed stress, whose clock follows the stress
@@ -74,31 +89,54 @@ class HardDiscSimulation:
     def advance(self, rows: int) -> None:
         """Make the next ``rows`` records (fewer at the end of the protocol)."""
         wanted = min(self.done + rows, len(self.path))
-        try:
-            while self._made < wanted:
-                if self._made == 0:
-                    self._first()
-                elif isinstance(self.flow, Marching):
-                    self._march(self.flow)
-                elif self.flow.path < min(self.driving.until, self.path[-1]):
-                    self.flow.step(min(self.driving.until, float(self.path[-1])), self._look)
-                elif self.driving.until < self.path[-1]:
-                    if self.path[self._made] <= self.driving.until * (1.0 + ROUNDING):
-                        self._first()  # a record of the change is of the drive that ends
-                    else:
-                        self.driving.change(self.flow)
-                else:  # the last record is the end of the path, to round-off
-                    self._first()
-        except Jammed as jam:
-            self.certificate = certify(self.flow.instant(), jam, self.flow.path)
-            self.status = "jammed" if is_proof(self.certificate) else "arrested"
-            self.stopped = f"{self.status} at path {self.flow.path:.9g}"
-            if self.status == "arrested":
-                self.stopped += ": the forces found do not balance, so nothing is proved jammed"
-        except Arrested as arrest:
-            self.status = "arrested"
-            self.stopped = f"arrested at path {self.flow.path:.9g}: {arrest}"
+        while self._made < wanted and self.stopped is None:
+            try:
+                self._go_on()
+            except Jammed as jam:
+                self._jam(certify(self.flow.instant(), jam, self.flow.path))
+            except Arrested as arrest:
+                self.status = "arrested"
+                self.stopped = f"arrested at path {self.flow.path:.9g}: {arrest}"
         self.done = min(wanted, self._made)
+
+    def _go_on(self) -> None:
+        """Do one thing: make a record, go to an event, or change the drive."""
+        driving = self.driving
+        if not self._begun:
+            self._begun = True
+            self.flow.turn(driving.drive)
+        elif self._made == 0:
+            self._first()
+        elif isinstance(self.flow, Marching):
+            self._march(self.flow)
+        elif self.flow.path < min(driving.until, self.path[-1]):
+            self.flow.step(min(driving.until, float(self.path[-1])), self._look)
+        elif driving.until < self.path[-1]:
+            if self.path[self._made] <= driving.until * (1.0 + ROUNDING):
+                self._first()  # a record of the change is of the drive that ends
+            else:
+                driving.change(self.flow)
+        else:  # the last record is the end of the path, to round-off
+            self._first()
+
+    def _jam(self, certificate: dict[str, Any]) -> None:
+        """End the run, or rest until the next stage where there is one."""
+        flow = self.flow
+        if not is_proof(certificate):
+            self.certificate = certificate
+            self.status = "arrested"
+            self.stopped = (
+                f"arrested at path {flow.path:.9g}: the forces found do not balance, so nothing is "
+                "proved jammed"
+            )
+        elif isinstance(self.driving, Staged) and math.isfinite(self.driving.until):
+            self.jams.append(certificate)
+            rest(self.records, flow.path, self.driving.until, flow.drive.shear)
+            flow.turn(flow.drive._replace(shear=0.0, compression=0.0))
+        else:
+            self.certificate = certificate
+            self.status = "jammed"
+            self.stopped = f"jammed at path {flow.path:.9g}"
 
     def _first(self) -> None:
         """Record the present instant."""
@@ -133,7 +171,7 @@ class HardDiscSimulation:
         """Append a record."""
         flow, row = self.flow, self._made
         drive = flow.drive
-        i, j, rx, ry, gap, phi, kappa, area, squeezed = contacts
+        i, j, rx, ry, gap, phi, kappa, area, squeezed, *_ = contacts
         xx, xy, yy = stress(contacts)
         u = velocities(i, j, rx, ry, phi, flow.mobility, drive.drift)
         moving = flow.mobility > 0.0
@@ -164,7 +202,25 @@ class HardDiscSimulation:
             math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
             float(u[0].sum()) / discs, float(u[1].sum()) / discs,
         )  # fmt: skip
+        if row in self._kept:
+            self.snapshots.append(self._snapshot(contacts, u))
         self._made += 1
+
+    def _snapshot(self, now: Contacts, u: FloatArray) -> Snapshot:
+        """Return the snapshot of the record that is being made, in units of paths, see `stress`."""
+        shear, flow = self.flow.drive.shear, self.flow
+        r = np.column_stack([now.rx, now.ry])
+        bonded = flow.permanent[flow.set.pairs] != 0
+        vx = u[0] + shear * (now.y - 0.5 * now.height) - now.kappa * (now.x - 0.5 * now.width)
+        vy = u[1] - now.kappa * (now.y - 0.5 * now.height)
+        return Snapshot(
+            row=self._made, width=now.width, height=now.height, offset=now.offset, periodic=True,
+            position=np.column_stack([now.x, now.y]), velocity=np.column_stack([vx, vy]),
+            spin=np.zeros(len(now.x)), radius=flow.radius.copy(), fixed=flow.mobility == 0,
+            i=now.i.copy(), j=now.j.copy(), separation=r, normal=now.phi * np.hypot(*r.T),
+            tangential=np.zeros(len(r)),
+            kind=np.where(bonded, LINK, CONTACT).astype(np.int8), walls=np.zeros((0, 3)),
+        )  # fmt: skip
 
     def columns(self) -> Columns:
         """Return the records made so far."""
@@ -201,6 +257,7 @@ class HardDiscSimulation:
             "status": self.status,
             "stopped": self.stopped,
             "certificate": self.certificate,
+            **({"jams": self.jams} if isinstance(shear, HardDiscStages) else {}),
             **({"state": self._state()} if self.point.record.state else {}),
             "measured": self._measured(),
             "events": {
@@ -225,6 +282,7 @@ class HardDiscSimulation:
             },
             "flags": {
                 "not_at_rest": False,
+                "forces_nonunique": flow.set.dependent > 0,
                 "stopped_early": self.stopped is not None
                 and not (self.status == "jammed" and isinstance(shear, HardDiscCompression)),
             },

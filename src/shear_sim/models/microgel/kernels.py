@@ -54,6 +54,7 @@ from shear_sim.models.microgel.state import (
     NX,
     NY,
     OPEN,
+    PAIR_ROWS,
     PER_SUM,
     RUNNING,
     SLIDE,
@@ -71,6 +72,7 @@ from shear_sim.models.microgel.state import (
     Unsigned,
     Work,
 )
+from shear_sim.prefetch import prefetch
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
 # no tangential forces: a scene without friction pays for no rotation.
@@ -78,6 +80,8 @@ law: Law = divergent
 TANGENTIAL = True
 TALLY = False  # whether the energy balance is kept too
 RESET = False  # whether a slip empties the spring, as in the historical program
+
+CACHED_ROWS = 100  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
 
 # Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
 # rims, place in the cell; then force on i and torque / r; then extremes over all blocks; then what
@@ -140,6 +144,19 @@ def gather_places(
         b = j[at + np.uint64(s)]
         block[LX + s] = lx[b] - lx[a]
         block[LY + s] = ly[b] - ly[a]
+
+
+@jit(_nrt=False)
+def fetch(table: Floats, row: int, part: int) -> None:
+    """Have part 0, 1, 2 or 3 of a row of ``Pairs.table`` brought near, if there is such a row.
+
+    Where pairs do not fit in the cache to wait for them takes as long as to work them out; all of
+    a row at once would be more than the processor can have on its way.
+    """
+    if row < table.shape[0] > CACHED_ROWS:
+        quarter = PAIR_ROWS * LANES // 4
+        for n in range(part * quarter, (part + 1) * quarter, 8):  # lines of 64 bytes
+            prefetch(table[row], n)
 
 
 @jit(_nrt=False)
@@ -411,13 +428,18 @@ def contact_forces(
     ):
         for first in range(0, count, LANES):
             m = int(min(LANES, count - first))
-            table = pairs.table[first // LANES]
+            row = first // LANES
+            table = pairs.table[row]
+            fetch(pairs.table, row + 1, 0)
             gather(
                 discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
                 pairs.i, pairs.j, first, m, block,
             )  # fmt: skip
+            fetch(pairs.table, row + 1, 1)
             pair_forces(block, table, m, springs, c, offset, rate, h)
+            fetch(pairs.table, row + 1, 2)
             scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
+            fetch(pairs.table, row + 1, 3)
             if record:
                 gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
                 stress_of(block, table, m, elsewhere, work.tensors, work.row)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point
 from shear_sim.packing import Cell, Packing, check_cell
-from shear_sim.protocol import OscillatoryShear, Shear
+from shear_sim.protocol import OscillatoryShear, Shear, Snapshots, check_snapshots
 from shear_sim.schema import (
     PERCENT,
     Fraction,
@@ -288,6 +288,7 @@ class Record(Section):
         tuple[str, ...] | None,
         Field(strict=False, description="stored columns by name; default: all"),
     ] = None
+    snapshots: Snapshots = None
 
 
 class MicrogelPoint(Point):
@@ -313,6 +314,11 @@ class MicrogelPoint(Point):
             raise Impossible([(("model.links.cut", "packing.start"), message)])
         if problems := self._unresolved_records() + self._too_few_steps():
             raise Impossible(problems)
+        shear = self.shear
+        unit = 1.0 if isinstance(shear, OscillatoryShear) else shear.strain / shear.periods
+        first, last = -shear.pre_periods, shear.periods + shear.post_periods
+        records = self.steps_per_period / self.record.every / unit
+        check_snapshots(self.record.snapshots, first * unit, last * unit, records)
         return self
 
     @property

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.compiled import variant
-from shear_sim.models.interface import Columns, SimulationError
-from shear_sim.models.microgel import laws, motion
+from shear_sim.models.interface import Columns, SimulationError, Snapshot
+from shear_sim.models.microgel import laws, motion, snapshots
 from shear_sim.models.microgel.links import make_links, touching_pairs
 from shear_sim.models.microgel.parameters import (
     Links,
@@ -49,7 +49,7 @@ from shear_sim.models.microgel.state import (
     set_column,
 )
 from shear_sim.packing import Equilibration, Packing, cell_height, start_discs
-from shear_sim.protocol import OscillatoryShear, Shear
+from shear_sim.protocol import OscillatoryShear, Shear, snapshot_rows
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
@@ -293,6 +293,8 @@ class MicrogelSimulation:
         self.substeps = 0
         self.names = ROW + ENERGIES if point.record.energy else ROW
         self._table = np.empty((self.rows, len(self.names)))
+        self.snapshots: list[Snapshot] = []
+        self._kept = self._snapshot_rows()
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "kernels"}
@@ -314,9 +316,27 @@ class MicrogelSimulation:
             *(np.concatenate([getattr(links, f), getattr(contacts, f)]) for f in fields)
         )
 
+    def _snapshot_rows(self) -> tuple[int, ...]:
+        """Return the records of which a snapshot is kept."""
+        clock, wanted = self.clock, self.point.record.snapshots
+        unit = clock.per_period if clock.kind == OSCILLATION else 1 / abs(clock.amplitude)
+        steps = np.arange(self.rows) * clock.every - clock.begin
+        return snapshot_rows(wanted, steps / unit, (clock.end - clock.begin) / unit)
+
     def advance(self, rows: int) -> None:
         """Make the next records."""
         until = min(self.done + rows, self.rows)
+        for row in [row for row in self._kept if self.done <= row < until]:
+            self._advance(row + 1)
+            _, strain, rate = self._table[row, :3].tolist()
+            snapshot = snapshots.take(
+                row, strain, rate, self.kernels, self.discs, self.work, self.links, self.contacts,
+                self.constants,
+            )  # fmt: skip
+            self.snapshots.append(snapshot)
+        self._advance(until)
+
+    def _advance(self, until: int) -> None:
         if until <= self.done:
             return
         first = (self.done - 1) * self.clock.every  # negative: the first record comes first

@@ -56,6 +56,7 @@ class Compactor:
         self.first = self.system.steps
         top = self.start = float(self.system.motion.y.max()) + float(self.system.chains.radius[0])
         self.system.walls.position[LID] = -top
+        self.picture = (0.0, 0.0, self.width, top)
         self.limit = math.inf if shear.largest_stress is None else shear.largest_stress
         strokes = 2 if shear.unload else 1
         self.one_way = max(1, (point.resolved().record.rows or 0) // strokes)

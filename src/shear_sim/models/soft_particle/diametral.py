@@ -13,6 +13,7 @@ from shear_sim.models.soft_particle.system import System, Wall, ledger
 
 RAMP = 0.05  # part of a stroke in which the plates come to their speed, and to rest
 PIECES = 50  # of a record, in each of which the plates keep their speed
+PICTURE = 3.2  # side of what a snapshot shows, in radii of the ring
 FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
 
 
@@ -37,6 +38,8 @@ class Diametral:
         rows = point.resolved().record.rows or 0
         self.rows = rows + 1
         self.hollow = model.core_ratio == 0.0
+        side = PICTURE * packing.radius
+        self.picture = (-0.5 * side, -0.5 * side, side, side)
         self.strokes = 2 if shear.unload else 1
         # A stroke of plates that start and stop smoothly takes 1/(1 − RAMP) times as long.
         stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)

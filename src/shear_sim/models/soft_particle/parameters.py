@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point
+from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Impossible, Positive, Section, default_kind
 
 
@@ -151,6 +152,7 @@ class SoftParticleRecord(Section):
             "that if unloaded",
         ),
     ] = None
+    snapshots: Snapshots = None
 
 
 class SoftParticlePoint(Point):
@@ -171,7 +173,15 @@ class SoftParticlePoint(Point):
         """Return the point with its number of records filled in."""
         one_way = 100 if isinstance(self.shear, Compaction) else 200
         rows = self.record.rows or one_way * (2 if self.shear.unload else 1)
-        return self.model_copy(update={"record": SoftParticleRecord(rows=rows)})
+        record = self.record.model_copy(update={"rows": rows})
+        return self.model_copy(update={"record": record})
+
+    @model_validator(mode="after")
+    def _keep_snapshots_within_the_run(self) -> Self:
+        strokes = 2 if self.shear.unload else 1
+        rows = self.resolved().record.rows or 0
+        check_snapshots(self.record.snapshots, 0.0, strokes, rows / strokes)
+        return self
 
     @model_validator(mode="after")
     def _one_ring_or_a_box(self) -> Self:

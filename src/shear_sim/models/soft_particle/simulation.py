@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from shear_sim.models.interface import Columns
+from shear_sim.models.interface import Columns, Snapshot
+from shear_sim.models.soft_particle import snapshots
 from shear_sim.models.soft_particle.columns import COLUMNS
 from shear_sim.models.soft_particle.compaction import Compactor
 from shear_sim.models.soft_particle.diametral import Diametral
@@ -17,6 +18,7 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticlePoint,
     SoftParticleRecord,
 )
+from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
 
@@ -33,6 +35,10 @@ class SoftParticleSimulation:
         )
         self.done = 0
         self._records: list[dict[str, float]] = []
+        self.snapshots: list[Snapshot] = []
+        strokes = self.run.strokes
+        clock = np.linspace(0.0, strokes, self.run.rows)
+        self._kept = snapshot_rows(self.point.record.snapshots, clock, strokes)
 
     @property
     def rows(self) -> int:
@@ -47,6 +53,8 @@ class SoftParticleSimulation:
             if self.done > 0:
                 self.run.go_on()
             self._records.append(self.run.record())
+            if self.done in self._kept:
+                self.snapshots.append(snapshots.take(self.run.system, self.done, self.run.picture))
             self.done += 1
 
     def columns(self) -> Columns:
@@ -97,6 +105,6 @@ def compile_kernels(points: Sequence[SoftParticlePoint]) -> None:  # noqa: ARG00
         packing=SoftParticlePacking(vertices=8),
         model=SoftParticle(thickness=0.3),
         shear=DiametralCompression(compression=0.01, relative_rate=0.05, unload=False),
-        record=SoftParticleRecord(rows=10),
+        record=SoftParticleRecord(rows=10, snapshots=1),
     )
     SoftParticleSimulation(point, Streams(0, 0)).advance(2)

@@ -1,0 +1,107 @@
+"""Draw a picture of each scene of the three models, from their study files in configs/.
+
+.venv/bin/python analysis/gallery.py
+
+runs one job of each scene with snapshots (results/gallery, 3 minutes of one core) and draws it into
+analysis/figures. Each can be drawn larger, with its curves, by `shear-sim render`.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shear_sim.figures import style
+from shear_sim.figures.scene import Scene
+from shear_sim.render import Kept, read_kept
+from shear_sim.results import Results
+from shear_sim.runner import run_job
+from shear_sim.study import Job, StudyPoint, load_study
+from shear_sim.workers import compile_for
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+STUDIES = ("main", "hard_disc", "hard_disc/snapshots", "soft_particle_ring")
+SIDE = 1.75  # inches
+# Snapshots in a unit of the protocol; of those, the last one is drawn unless said below.
+OFTEN = {"oscillatory": 20, "steady": 100, "compression": 1000, "diametral_compression": 40}
+#: What else is known of some scenes: colours, lines, and the point of the study that is taken.
+LOOKS: dict[str, dict[str, Any]] = {
+    "microgel_crosslinked": {"point": {"shear.strain_amplitude": 0.5, "model.friction": 0.01}},
+    "microgel_bulk": {
+        "point": {"shear.strain_amplitude": 0.5, "model.friction": 0.01}, "colour": "pressure",
+        "contacts": "force",
+    },
+    "microgel_uncrosslinked": {
+        "point": {"shear.strain_amplitude": 0.5, "model.friction": 0.1},
+    },
+    "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
+    "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
+    "hard_disc_self_propelled": {"contacts": "none"},
+}  # fmt: skip
+
+
+def value(point: StudyPoint, key: str) -> Any:
+    """Return a parameter by its dotted key."""
+    found: Any = point.point
+    for name in key.split("."):
+        found = getattr(found, name)
+    return found
+
+
+def job_of(points: list[StudyPoint], wanted: dict[str, Any], seed: int) -> Job:
+    """Return the job of the point that is wanted, or of the first one, with snapshots."""
+    fitting = [p for p in points if all(value(p, key) == v for key, v in wanted.items())]
+    point: Any = fitting[0].point
+    record = point.record.model_copy(update={"snapshots": OFTEN.get(point.shear.kind, 1)})
+    return Job.create(point.model_copy(update={"record": record}), seed, 0)
+
+
+def shown(kept: Kept) -> int:
+    """Return which snapshot is drawn: of largest load where it comes and goes, else the last."""
+    columns = kept.table.columns
+    kind = kept.table.summary["protocol"]["kind"]
+    rows = [snapshot.row for snapshot in kept.snapshots]
+    if kind == "oscillatory":
+        return int(np.abs(columns["strain"][rows]).argmax())
+    if kind == "diametral_compression":
+        return int(columns["compression"][rows].argmax())
+    return len(rows) - 1
+
+
+def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
+    """Draw particles alone, small."""
+    shape = kept.snapshots[0].height / kept.snapshots[0].width
+    with style.figure(SIDE, SIDE * shape) as figure:
+        figure.set_layout_engine("none")
+        axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
+        scene.show(shown(kept))
+        style.save_as(figure, path)
+    print(f"{path}: {path.stat().st_size / 1000:.0f} kB, of {kept.path}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--results", type=Path, default=Path("results"), help="of the runs")
+    parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of pictures")
+    given = parser.parse_args()
+    jobs = {}
+    for name in STUDIES:
+        study = load_study(CONFIGS / f"{name}.yaml")
+        for scene in dict.fromkeys(label for p in study.points for _, label in p.labels):
+            points = [p for p in study.points if scene in {label for _, label in p.labels}]
+            name = f"{points[0].point.kind}_{scene}"
+            jobs[name] = job_of(points, LOOKS.get(name, {}).get("point", {}), study.seed)
+    compile_for(list(jobs.values()), lambda: print("compiling the kernels"))
+    results = Results(given.results / "gallery")
+    results.jobs.mkdir(parents=True, exist_ok=True)
+    for name, job in jobs.items():
+        look = LOOKS.get(name, {})
+        kept = read_kept(run_job(job, results.jobs))
+        path = given.folder / f"{name}.png"
+        draw(kept, path, look.get("colour", "particle"), look.get("contacts"))
+
+
+if __name__ == "__main__":
+    main()

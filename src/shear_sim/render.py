@@ -1,0 +1,237 @@
+"""Pictures and films of a job that kept snapshots: particles, and strain and stress beside them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.figures import style
+from shear_sim.figures.scene import Scene
+from shear_sim.models.interface import Snapshot
+from shear_sim.results import ResultsError, read_job
+from shear_sim.snapshots import read_snapshots
+from shear_sim.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+FloatArray = NDArray[np.float64]
+
+WIDTH, PANEL = style.DOUBLE, 2.35  # inches: of the figure, and of the curves in it
+FILM_DPI = 80
+FILM_COLOURS = 128  # fewer make smaller files
+FRAME_MS = 50  # of a film
+
+
+class Kept(NamedTuple):
+    """A job with its snapshots."""
+
+    path: Path
+    table: Table
+    snapshots: list[Snapshot]
+
+    @property
+    def strain(self) -> FloatArray:
+        """Imposed strain at each snapshot; 0 where nothing is sheared."""
+        rows = [s.row for s in self.snapshots]
+        strain = self.table.columns.get("strain")
+        return np.zeros(len(rows)) if strain is None else np.asarray(strain[rows])
+
+
+def read_kept(path: Path) -> Kept:
+    """Read a job and its snapshots.
+
+    Parameters
+    ----------
+    path : Path
+        Result file, in ``jobs/``.
+
+    Raises
+    ------
+    ResultsError
+        If the job has kept none; says what to do.
+    TableError
+        If a file is damaged.
+    """
+    if path.suffix != ".parquet":
+        msg = f"{path}: a job that failed: there is nothing to draw"
+        raise ResultsError(msg)
+    table = read_job(path)
+    if "snapshots" not in table.summary:
+        msg = (
+            f"{path}: has kept no snapshots: add `record: {{snapshots: 20}}` (so many in a period, "
+            "or in a strain of 1) to its study, and sweep again; that makes it another job, which "
+            "runs anew"
+        )
+        raise ResultsError(msg)
+    snapshots = read_snapshots(path.parent.with_name("snapshots"), path.stem)
+    return Kept(path, table, snapshots)
+
+
+def nearest(kept: Kept, time: float) -> int:
+    """Return the number of the snapshot that was made nearest to ``time`` [s]."""
+    times = kept.table.columns["time"][[s.row for s in kept.snapshots]]
+    return int(np.abs(times - time).argmin())
+
+
+def write_picture(
+    kept: Kept, path: Path, number: int = -1, colour: str = "particle", contacts: str | None = None
+) -> None:
+    """Write the picture of one snapshot, a PNG or PDF by its name.
+
+    Parameters
+    ----------
+    kept : Kept
+    path : Path
+        Ends with ``.png`` or ``.pdf``.
+    number : int
+        Of the snapshot, from 0; from −1 on backwards.
+    colour, contacts : str
+        See :class:`shear_sim.figures.scene.Scene`.
+
+    Raises
+    ------
+    ResultsError
+        If there is no snapshot of this number.
+    """
+    count = len(kept.snapshots)
+    if not -count <= number < count:
+        msg = f"{kept.path}: no snapshot {number}: there are {count}, from 0 to {count - 1}"
+        raise ResultsError(msg)
+    with _stage(kept, colour, contacts) as stage:
+        stage.show(number % count)
+        style.save_as(stage.figure, path)
+
+
+def write_film(
+    kept: Kept, path: Path, colour: str = "particle", contacts: str | None = None
+) -> None:
+    """Write all snapshots as an animated GIF, one frame each; see `write_picture`."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    with _stage(kept, colour, contacts) as stage:
+        stage.figure.set_dpi(FILM_DPI)
+        canvas = FigureCanvasAgg(stage.figure)
+        moving = (*stage.scene.artists, *stage.points)
+        for artist in moving:
+            artist.set_animated(True)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        still = canvas.copy_from_bbox(stage.figure.bbox)  # type: ignore[no-untyped-call]
+        frames = []
+        for number in range(len(kept.snapshots)):
+            stage.show(number)
+            canvas.restore_region(still)  # type: ignore[no-untyped-call]
+            for artist in moving:
+                assert artist.axes is not None  # noqa: S101 - it was added to one
+                artist.axes.draw_artist(artist)
+            drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+            frames.append(Image.fromarray(drawn[..., :3].copy()))
+    # One palette for all, of a few of them: what changes from frame to frame are particles only.
+    few = frames[:: max(1, len(frames) // 4)]
+    sheet = Image.new("RGB", (few[0].width, few[0].height * len(few)))
+    for place, frame in enumerate(few):
+        sheet.paste(frame, (0, place * frame.height))
+    palette = sheet.quantize(
+        FILM_COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    )
+    first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
+    first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+
+
+class _Stage:
+    """A figure with a scene, and curves with a point that moves."""
+
+    def __init__(self, kept: Kept, colour: str, contacts: str | None, figure: "Figure") -> None:
+        self.kept, self.figure = kept, figure
+        across, down = (float(a) for a in figure.get_size_inches())
+        room = across - PANEL
+        axis = figure.add_axes((0.0, 0.0, room / across, 1.0))
+        self.scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
+        left, wide = (room + 0.62) / across, (PANEL - 0.74) / across
+        curves, label = _curves(kept)
+        foot, top, gap = 1.85 if self.scene.scaled else 1.3, 0.16, 0.16
+        each = (down - foot - top - gap * (len(curves) - 1)) / len(curves)
+        each = min(each, 1.6)
+        self.points: list[Line2D] = []
+        self._x, self._y = label[1], []
+        for place, (values, name) in enumerate(curves):
+            bottom = down - top - (place + 1) * each - place * gap
+            axis = figure.add_axes((left, bottom / down, wide, each / down))
+            axis.plot(label[1], values, color=style.GREY, linewidth=0.8)
+            axis.set_ylabel(name)
+            axis.tick_params(labelbottom=place == len(curves) - 1)
+            if place == len(curves) - 1:
+                axis.set_xlabel(label[0])
+            self.points += axis.plot(
+                [], [], "o", color=style.UNORDERED[1], markersize=5, zorder=5, clip_on=False
+            )
+            self._y.append(values)
+        low = figure.add_axes((left, 0.12 / down, wide, 0.6 / down))
+        low.set_axis_off()
+        self.scene.legend(low)
+        if self.scene.scaled:
+            bar = figure.add_axes((left, 1.2 / down, wide, 0.1 / down))
+            bar.set_label("<colorbar>")
+            self.scene.colourbar(bar, _unit(kept, colour))
+
+    def show(self, number: int) -> None:
+        self.scene.show(number)
+        row = self.kept.snapshots[number].row
+        for point, values in zip(self.points, self._y, strict=True):
+            point.set_data([self._x[row]], [values[row]])
+
+
+@contextmanager
+def _stage(kept: Kept, colour: str, contacts: str | None) -> Iterator[_Stage]:
+    first = kept.snapshots[0]
+    shape = max(s.height / s.width for s in kept.snapshots)
+    high = min(max((WIDTH - PANEL) * shape, 3.2), 6.0)
+    wide = min(WIDTH, PANEL + high / shape) if first.periodic else WIDTH
+    with style.figure(wide, high) as figure:
+        figure.set_layout_engine("none")
+        yield _Stage(kept, colour, contacts, figure)
+
+
+def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatArray]]:
+    """Return what is drawn beside the particles, (values, label) each, and against what."""
+    columns, protocol = kept.table.columns, kept.table.summary["protocol"]
+    if "force" in columns:
+        return [(columns["force"], "force on a plate [N/m]")], (
+            "compression",
+            columns["compression"],
+        )
+    strain = columns["strain"]
+    stress = [
+        (columns[name], text)
+        for name, text in (
+            ("scaled_shear_stress", "shear stress $\\sigma\\xi_0/\\dot\\gamma$"),
+            ("shear_stress", "shear stress [Pa]"),
+        )
+        if name in columns
+    ][:1]
+    if "period" in protocol:
+        time = (columns["time"] - protocol["shear_start"]) / protocol["period"]
+        return [(strain, "strain"), *stress], ("time / period", time)
+    pressure = [
+        (columns[name], text)
+        for name, text in (
+            ("scaled_pressure", "pressure $p\\xi_0/\\dot\\gamma$"),
+            ("pressure", "pressure [Pa]"),
+        )
+        if name in columns
+    ][:1]
+    if np.ptp(strain) > 0:
+        return [*stress, *pressure], ("strain", strain)
+    density = columns.get("packing_fraction")
+    more = [(density, "packing fraction")] if density is not None and np.ptp(density) > 1e-9 else []
+    return [*pressure, *more], ("time [s]", columns["time"])
+
+
+def _unit(kept: Kept, colour: str) -> str:
+    scaled = "scaled_pressure" in kept.table.columns
+    return {"pressure": "" if scaled else "Pa", "spin": "1/s"}.get(colour, "")

@@ -1,0 +1,215 @@
+"""Snapshots beside a result: a GSD file of the particles, and a Parquet table of the contacts.
+
+GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
+diameters, velocities, links as bonds, the number of the linked cluster as ``body``, and in ``log``
+the spin of the particles and strain and stress of the record. The table has every contact in full
+precision. Both are written whole; the table holds the checksum of the other file.
+"""
+
+import hashlib
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import CONTACT_KINDS, LINK, Snapshot
+from shear_sim.tables import TableError, read_summary, read_table, write_table, write_whole
+
+if TYPE_CHECKING:
+    import gsd.hoomd
+
+FloatArray = NDArray[np.float64]
+
+FIELDS = (
+    ("snapshot", "1", "number of the snapshot, a frame of the GSD file"),
+    ("i", "1", "particle"),
+    ("j", "1", "particle that it meets; −1 − w: wall w"),
+    ("x", "m", "from i to the image of j that it meets (hard discs: mean small diameters)"),
+    ("y", "m", "the same"),
+    ("normal", "N/m", "force that pushes i and j apart (hard discs: path rate / ξ₀)"),
+    ("tangential", "N/m", "force on j along (−y, x) / distance"),
+    ("kind", "", "link, contact (it holds) or sliding"),
+)
+#: Columns of a result that a frame repeats, as far as there are such.
+LOGGED = ("time", "strain", "compression", "shear_stress", "pressure", "force")
+_TYPES = ["particle", "fixed"]
+
+
+def paths(folder: Path, job: str) -> tuple[Path, Path]:
+    """Return the GSD file and the contact table of a job; ``folder``: ``snapshots``."""
+    return folder / f"{job}.gsd", folder / f"{job}.contacts.parquet"
+
+
+def write_snapshots(
+    folder: Path,
+    job: str,
+    snapshots: Sequence[Snapshot],
+    columns: Mapping[str, FloatArray],
+) -> None:
+    """Write the snapshots of a job, whole; the same snapshots give the same bytes.
+
+    Parameters
+    ----------
+    folder : Path
+        ``snapshots`` of the study's results; made if need be.
+    job : str
+        Its id.
+    snapshots : sequence of Snapshot
+        In the order of their records.
+    columns : mapping of (rows,) arrays
+        The result.
+
+    Raises
+    ------
+    OSError
+        If they cannot be written.
+    """
+    import gsd.hoomd
+
+    folder.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as place:  # the library writes to a path
+        path = Path(place) / "frames.gsd"
+        with gsd.hoomd.open(path, "w") as file:
+            for snapshot in snapshots:
+                log = {name: columns[name][snapshot.row] for name in LOGGED if name in columns}
+                file.append(frame(snapshot, log))
+        content = path.read_bytes()
+    gsd_file, table = paths(folder, job)
+    write_whole(gsd_file, content)
+    counts = [len(snapshot.i) for snapshot in snapshots]
+    kinds = np.array(CONTACT_KINDS)
+    values = {
+        "snapshot": np.repeat(np.arange(len(snapshots), dtype=np.int32), counts),
+        "i": np.concatenate([s.i for s in snapshots]),
+        "j": np.concatenate([s.j for s in snapshots]),
+        "x": np.concatenate([s.separation[:, 0] for s in snapshots]),
+        "y": np.concatenate([s.separation[:, 1] for s in snapshots]),
+        "normal": np.concatenate([s.normal for s in snapshots]),
+        "tangential": np.concatenate([s.tangential for s in snapshots]),
+        "kind": kinds[np.concatenate([s.kind for s in snapshots])].tolist(),
+    }
+    checksum = hashlib.sha256(content).hexdigest()
+    write_table(table, values, FIELDS, {"job": job, "gsd_sha256": checksum})
+
+
+def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
+    """Return a snapshot as a frame of GSD; ``log`` are numbers to keep with it."""
+    import gsd.hoomd
+
+    made = gsd.hoomd.Frame()
+    offset = snapshot.offset - snapshot.width * np.rint(snapshot.offset / snapshot.width)
+    made.configuration.step = snapshot.row
+    made.configuration.dimensions = 2
+    box = [snapshot.width, snapshot.height, 0.0, offset / snapshot.height, 0.0, 0.0]
+    made.configuration.box = np.array(box, np.float32)
+    count = len(snapshot.radius)
+    place = np.zeros((count, 3), np.float32)
+    # A box of GSD has its centre at the origin.
+    centre = 0.5 * np.array([snapshot.width + offset, snapshot.height])
+    place[:, :2] = in_cell(snapshot) - centre
+    velocity = np.zeros((count, 3), np.float32)
+    velocity[:, :2] = snapshot.velocity
+    particles = made.particles
+    particles.N = count
+    particles.types = _TYPES
+    particles.typeid = snapshot.fixed.astype(np.uint32)
+    particles.position = place
+    particles.velocity = velocity
+    particles.diameter = (2 * snapshot.radius).astype(np.float32)
+    particles.body = clusters(snapshot).astype(np.int32)
+    links = snapshot.kind == LINK
+    made.bonds.N = int(links.sum())
+    made.bonds.types = ["link"]
+    made.bonds.typeid = np.zeros(made.bonds.N, np.uint32)
+    made.bonds.group = np.column_stack([snapshot.i[links], snapshot.j[links]]).astype(np.uint32)
+    made.log = {name: np.array([value], np.float64) for name, value in log.items()}
+    made.log["particles/spin"] = snapshot.spin
+    made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
+    if len(snapshot.walls):
+        made.log["walls"] = snapshot.walls
+    return made
+
+
+def in_cell(snapshot: Snapshot) -> FloatArray:
+    """Return the positions (N, 2) brought into the cell whose upper edge is displaced least."""
+    x, y = snapshot.position.T
+    if not snapshot.periodic:
+        return np.column_stack([x, y])
+    width, height = snapshot.width, snapshot.height
+    offset = snapshot.offset - width * np.rint(snapshot.offset / width)
+    up = np.floor(y / height)
+    x, y = x - up * offset, y - up * height
+    return np.column_stack([x - np.floor((x - y * offset / height) / width) * width, y])
+
+
+def clusters(snapshot: Snapshot) -> NDArray[np.int64]:
+    """Return the number of the cluster of linked particles that each (N,) is of; −1: alone."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = snapshot.kind == LINK
+    i, j, count = snapshot.i[links], snapshot.j[links], len(snapshot.radius)
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(count, count))
+    body: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)
+    body[np.bincount(body)[body] == 1] = -1
+    return body
+
+
+def read_snapshots(folder: Path, job: str) -> list[Snapshot]:
+    """Read what `write_snapshots` wrote.
+
+    Raises
+    ------
+    TableError
+        If a file is missing or damaged.
+    """
+    import gsd.hoomd
+
+    gsd_file, table = paths(folder, job)
+    if problem := damage(folder, job):
+        raise TableError(problem)
+    values = read_table(table).columns
+    numbers = np.unique(values["kind"], return_inverse=True)
+    codes = np.array([CONTACT_KINDS.index(name) for name in numbers[0]], np.int8)
+    kind = codes[numbers[1]]
+    found = []
+    with gsd.hoomd.open(gsd_file, "r") as file:
+        ends = np.searchsorted(values["snapshot"], np.arange(len(file) + 1))
+        for each, first, end in zip(file, ends[:-1], ends[1:], strict=True):
+            width, height, _, tilt = (float(a) for a in each.configuration.box[:4])
+            offset = tilt * height
+            centre = 0.5 * np.array([width + offset, height])
+            part = {name: column[first:end] for name, column in values.items()}
+            snapshot = Snapshot(
+                row=int(each.configuration.step),
+                width=width, height=height, offset=offset,
+                periodic=bool(each.log["periodic"][0]),
+                position=each.particles.position[:, :2].astype(np.float64) + centre,
+                velocity=each.particles.velocity[:, :2].astype(np.float64),
+                spin=each.log["particles/spin"],
+                radius=0.5 * each.particles.diameter.astype(np.float64),
+                fixed=each.particles.typeid == 1,
+                i=part["i"], j=part["j"], separation=np.column_stack([part["x"], part["y"]]),
+                normal=part["normal"], tangential=part["tangential"], kind=kind[first:end],
+                walls=each.log.get("walls", np.zeros((0, 3))),
+            )  # fmt: skip
+            found.append(snapshot)
+    return found
+
+
+def damage(folder: Path, job: str) -> str | None:
+    """Return what is wrong with the files of a job's snapshots; None: nothing."""
+    gsd_file, table = paths(folder, job)
+    try:
+        expected = read_summary(table)["gsd_sha256"]
+        content = gsd_file.read_bytes()
+    except TableError as error:
+        return str(error)
+    except OSError as error:
+        return f"{gsd_file}: cannot be read ({error.strerror or error})"
+    if hashlib.sha256(content).hexdigest() != expected:
+        return f"{gsd_file}: damaged: its checksum is wrong"
+    return None

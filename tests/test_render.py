@@ -1,0 +1,299 @@
+"""Pictures and films: geometry, colours, what commands write and refuse."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+from typer.testing import CliRunner
+
+from shear_sim import render
+from shear_sim.cli import app
+from shear_sim.figures.scene import (
+    Scene,
+    displacement,
+    in_rectangle,
+    interfaces,
+    outlines,
+    particle_pressure,
+    particle_tints,
+)
+from shear_sim.models.interface import CONTACT, LINK, Snapshot
+from shear_sim.neighbours import find_pairs
+from shear_sim.results import ResultsError
+
+STUDY = """
+packing: {discs: 24, packing_fraction: 0.8}
+model: {kind: hard_disc}
+shear: {kind: steady, strain: 0.2}
+record: {snapshots: [0, 0.05, 0.1, 0.15, 0.2]}
+scenes: {kept: {}, none: {record.snapshots: null}}
+seed: 1
+"""
+
+
+def snapshot(position, radius, pairs=(), separation=None, side=10.0, offset=0.0, kind=CONTACT):
+    """Discs placed by hand, in contacts of unit force."""
+    position = np.asarray(position, float)
+    n, pairs = len(position), np.asarray(pairs, np.int32).reshape(-1, 2)
+    radius = np.broadcast_to(radius, n).astype(float)
+    i, j = pairs.T
+    separation = position[j] - position[i] if separation is None else separation
+    return Snapshot(
+        row=0, width=side, height=side, offset=offset, periodic=True, position=position,
+        velocity=np.zeros((n, 2)), spin=np.zeros(n), radius=radius,
+        fixed=np.zeros(n, bool), i=i, j=j, separation=separation, normal=np.ones(len(i)),
+        tangential=np.zeros(len(i)), kind=np.full(len(i), kind, np.int8), walls=np.zeros((0, 3)),
+    )  # fmt: skip
+
+
+def many(count, seed=1):
+    """A random dense packing in a sheared cell, with all of its contacts."""
+    rng = np.random.default_rng(seed)
+    side = math.sqrt(count)
+    x, y = rng.random((2, count)) * side
+    radius = np.where(np.arange(count) % 2, 0.7, 0.5)
+    offset = 0.3 * side
+    i, j, nx, ny = find_pairs(x, y, radius, 0.0, side, side, offset)[1:]
+    r = np.column_stack([x[j] - x[i] + nx * side + ny * offset, y[j] - y[i] + ny * side])
+    pairs = np.column_stack([i, j])
+    return snapshot(np.column_stack([x, y]), radius, pairs, r, side, offset)
+
+
+def area(polygon):
+    x, y = polygon.T
+    return 0.5 * abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
+def scene(snapshots, inches=4.0, **look):
+    axis = Figure(figsize=(inches, inches)).add_axes((0, 0, 1, 1))
+    return Scene(axis, snapshots, np.zeros(len(snapshots)), **look)
+
+
+# --- Geometry ------------------------------------------------------------------------------------
+
+
+def test_overlapping_discs_fill_the_union_of_their_circles():
+    """Two circles of radii 1 and 0.7, 1.2 apart: the areas of both outlines are the union's."""
+    ri, rj, d = 1.0, 0.7, 1.2
+    s = snapshot([[3, 3], [3 + d, 3]], [ri, rj], [(0, 1)])
+    a = (d**2 + ri**2 - rj**2) / (2 * d)
+    segments = [
+        r * r * math.acos(c / r) - c * math.sqrt(r * r - c * c) for r, c in ((ri, a), (rj, d - a))
+    ]
+    union = math.pi * (ri**2 + rj**2) - sum(segments)
+    found = [area(polygon) for polygon in outlines(s, 2000)]
+    assert sum(found) == pytest.approx(union, rel=1e-4)
+    assert found[0] == pytest.approx(math.pi * ri**2 - segments[0], rel=1e-4)
+
+
+def test_an_interface_is_the_chord_of_both_circles():
+    s = snapshot([[3, 3], [3.6, 3.9]], [0.8, 0.6], [(0, 1)])
+    ends = interfaces(s)[0] + s.position[0]
+    for end in ends:
+        assert np.hypot(*(end - s.position[0])) == pytest.approx(0.8)
+        assert np.hypot(*(end - s.position[1])) == pytest.approx(0.6)
+
+
+def test_three_interfaces_end_where_they_meet():
+    """Equal discs in a triangle: each chord ends where two circles cross, and in the middle."""
+    angle = 2 * np.pi * np.arange(3) / 3
+    place = 5 + 0.5 * np.column_stack([np.cos(angle), np.sin(angle)])
+    s = snapshot(place, 1.0, [(0, 1), (1, 2), (2, 0)])
+    for contact, ends in enumerate(interfaces(s)):
+        from_middle = np.sort(np.hypot(*(ends + place[s.i[contact]] - 5).T))
+        half = math.sqrt(1 - 0.75 / 4)  # of the whole chord, 1/4 from the middle of the triangle
+        assert from_middle == pytest.approx([0.0, half + 0.25], abs=1e-12)
+
+
+def test_hidden_and_parted_interfaces_are_none():
+    covered = snapshot([[3, 3], [4, 3], [3.5, 3.05]], [0.52, 0.52, 0.5], [(0, 1), (0, 2), (1, 2)])
+    assert np.ptp(interfaces(covered)[0], axis=0) == pytest.approx([0, 0])
+    link = snapshot([[3, 3], [6, 3]], 1.0, [(0, 1)], kind=LINK)  # stretched
+    assert np.ptp(interfaces(link)[0], axis=0) == pytest.approx([0, 0])
+
+
+def test_pressures_of_particles_sum_to_that_of_the_cell():
+    s = many(200)
+    virial = 0.5 * (s.normal * np.hypot(*s.separation.T)).sum()
+    assert (particle_pressure(s) * np.pi * s.radius**2).sum() == pytest.approx(virial)
+
+
+def test_an_affine_deformation_displaces_nothing():
+    """Shear by 1.3 and compression by a tenth, in other images and a cell of less offset."""
+    first = many(50)._replace(offset=0.0)
+    x, y = 0.9 * first.position.T
+    side, strain = 0.9 * first.width, 1.3
+    offset = (strain - 1) * side
+    away = np.zeros((50, 2))
+    away[7] = 0.3, -0.2
+    now = first._replace(
+        position=np.column_stack([x + strain * y, y]) + away + [2 * side - offset, -side],
+        width=side, height=side, offset=offset,
+    )  # fmt: skip
+    assert displacement(now, first, strain) == pytest.approx(away, abs=1e-9)
+
+
+def test_particles_lie_in_the_rectangle_and_are_images_of_themselves():
+    s = many(100)
+    moved = s._replace(position=s.position + np.array([3 * s.width + s.offset, s.height]))
+    assert in_rectangle(moved) == pytest.approx(in_rectangle(s), abs=1e-9)
+    assert in_rectangle(s).min() >= 0
+    assert in_rectangle(s).max() < s.width
+
+
+def test_particles_that_touch_have_different_tints():
+    """Clusters of two in a row, linked 0–1, 2–3, …, each touching the next."""
+    place = np.column_stack([0.9 * np.arange(10) + 0.5, np.full(10, 5.0)])
+    pairs = np.column_stack([np.arange(9), np.arange(1, 10)])
+    s = snapshot(place, 0.5, pairs)
+    tints = particle_tints(s._replace(kind=np.array([LINK, CONTACT] * 4 + [LINK], np.int8)))
+    assert (tints[::2] == tints[1::2]).all()
+    assert (tints[1:-1:2] != tints[2::2]).all()
+    alone = particle_tints(s._replace(radius=np.where(np.arange(10) % 2, 0.7, 0.5)))
+    assert len(set(alone)) == 2  # large and small
+
+
+# --- Drawing -------------------------------------------------------------------------------------
+
+
+def test_the_cell_is_drawn_with_its_images():
+    s = many(60)
+    drawn = scene([s])
+    drawn.show(0)
+    discs, faces = drawn.artists[0].get_paths(), drawn.artists[0].get_facecolor()
+    centres = np.array([path.vertices.mean(axis=0) for path in discs])
+    own = ((centres > 0) & (centres < s.width)).all(axis=1)
+    assert 0.8 * 60 < own.sum() < 1.2 * 60
+    assert (~own).sum() > 20
+    assert faces[~own].min() > faces[own].min()  # dimmed
+
+
+@pytest.mark.parametrize(
+    ("count", "edges", "contacts"), [(150, True, "state"), (10_000, False, "force")]
+)
+def test_few_and_many_discs_are_legible(count, edges, contacts):
+    """Edges and states of contacts where discs are 7 points and more across, else forces alone."""
+    s = many(count)
+    linked = s._replace(kind=np.where(np.arange(len(s.i)) % 2, LINK, CONTACT).astype(np.int8))
+    drawn = scene([linked])
+    drawn.show(0)
+    assert (drawn.diameter > 7) == edges
+    assert (drawn.artists[0].get_linewidth()[0] > 0) == edges
+    assert drawn.contacts == contacts
+    widths = np.asarray(drawn.artists[3 if contacts == "force" else 2].get_linewidth())
+    assert widths.max() < 0.5 * drawn.diameter
+
+
+def test_lines_are_as_wide_as_forces_are_strong():
+    place = [[2, 2], [3, 2], [4, 2], [5, 2]]
+    s = snapshot(place, 0.5, [(0, 1), (1, 2), (2, 3)])._replace(normal=np.array([1.0, 2.0, -1.0]))
+    drawn = scene([s], contacts="force")
+    drawn.show(0)
+    forces = drawn.artists[3]
+    widths = np.asarray(forces.get_linewidth())
+    ends = np.array([np.asarray(path.vertices)[0] for path in forces.get_paths()])
+    by_place = {round(float(x)): w for (x, _), w in zip(ends, widths, strict=True)}
+    assert by_place[3] == pytest.approx(2 * by_place[2])
+    assert len({tuple(c) for c in forces.get_color()}) == 2  # it pushes, or it pulls
+
+
+@pytest.mark.parametrize("colour", ["pressure", "spin", "displacement"])
+def test_colours_follow_the_numbers(colour):
+    s = many(80)
+    s = s._replace(spin=np.linspace(-1, 1, 80), position=s.position)
+    later = s._replace(position=s.position + np.linspace(0, 0.5, 80)[:, None])
+    drawn = scene([s, later], colour=colour, contacts="none")
+    drawn.show(0)
+    before = drawn.artists[0].get_facecolor().copy()
+    drawn.show(1)
+    after = drawn.artists[0].get_facecolor()
+    assert len(np.unique(after, axis=0)) > 20
+    # Before anything has moved all have one colour, in the cell and dimmed in its images.
+    assert (len(np.unique(before, axis=0)) == 2) == (colour == "displacement")
+
+
+# --- Commands ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def jobs(tmp_path_factory):
+    """The results of a study: a job with snapshots and one without."""
+    folder = tmp_path_factory.mktemp("render")
+    (folder / "study.yaml").write_text(STUDY)
+    from shear_sim.runner import run_job
+    from shear_sim.study import load_study
+
+    jobs = folder / "results/study/jobs"
+    jobs.mkdir(parents=True)
+    found = {job.labels[0][1]: job for job in load_study(folder / "study.yaml").jobs()}
+    return {scene: run_job(job, jobs) for scene, job in found.items()}
+
+
+def call(jobs, *arguments):
+    root = str(jobs["kept"].parents[2])
+    return CliRunner().invoke(app, ["render", *map(str, arguments), "--results", root])
+
+
+def test_a_picture_is_written(jobs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shown = call(jobs, jobs["kept"].stem[:8])
+    assert (shown.exit_code, shown.output) == (0, f"written: {jobs['kept'].stem}.png\n")
+    with Image.open(f"{jobs['kept'].stem}.png") as image:
+        assert image.size[0] > 1500
+        assert len(image.convert("RGB").getcolors(1 << 24)) > 20
+    assert call(jobs, jobs["kept"], "--snapshot", 2, "--out", "two.pdf").exit_code == 0
+    assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_film_has_a_frame_for_each_snapshot(jobs, tmp_path):
+    path = tmp_path / "film.gif"
+    shown = call(jobs, jobs["kept"], "--film", "--colour", "pressure", "--out", path)
+    assert shown.exit_code == 0, shown.output
+    with Image.open(path) as image:
+        assert image.n_frames == 5
+        assert image.info["duration"] == render.FRAME_MS
+        first = np.asarray(image.convert("RGB"), int)
+        image.seek(4)
+        last = np.asarray(image.convert("RGB"), int)
+    moved = np.abs(first - last).max(axis=2) > 60
+    assert 0.02 < moved.mean() < 0.6  # the particles, and not the axes
+
+
+def test_a_frame_shows_what_a_picture_shows(jobs, tmp_path):
+    """Blitting leaves nothing behind: the last frame is a picture drawn at once."""
+    kept = render.read_kept(jobs["kept"])
+    render.write_film(kept, tmp_path / "film.gif")
+    one = kept._replace(snapshots=[kept.snapshots[0], kept.snapshots[-1]])
+    render.write_film(one, tmp_path / "short.gif")
+    frames = []
+    for name, number in (("film", 4), ("short", 1)):
+        with Image.open(tmp_path / f"{name}.gif") as image:
+            image.seek(number)
+            frames.append(np.asarray(image.convert("RGB"), int))
+    assert (np.abs(frames[0] - frames[1]).max(axis=2) > 60).mean() < 1e-3
+
+
+def test_the_snapshot_nearest_to_a_time(jobs):
+    kept = render.read_kept(jobs["kept"])
+    assert [render.nearest(kept, time) for time in (0, 0.06, 0.09, 9)] == [0, 1, 2, 4]
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "message"),
+    [
+        ("none", [], "has kept no snapshots: add `record: {snapshots: 20}`"),
+        ("kept", ["--snapshot", 5], "no snapshot 5: there are 5, from 0 to 4"),
+        ("kept", ["--snapshot", 1, "--film"], "give one of them"),
+        ("kept", ["--out", "x.gif"], "must end with .png or .pdf"),
+        ("kept", ["--film", "--out", "x.png"], "must end with .gif"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said(jobs, scene, options, message):
+    shown = call(jobs, jobs[scene], *options)
+    if isinstance(shown.exception, ResultsError):  # which `main` says, with exit code 2
+        assert message in str(shown.exception)
+    else:
+        assert shown.exit_code == 2
+        assert message in " ".join(shown.stderr.replace("│", " ").split())

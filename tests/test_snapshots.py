@@ -1,0 +1,366 @@
+"""Snapshots: what is kept of particles and contacts, and what others read of it."""
+
+import hashlib
+
+import gsd.hoomd
+import numpy as np
+import pytest
+from tools import differences, read_table
+
+from shear_sim import models, runner
+from shear_sim.models.interface import CONTACT_KINDS, LINK, SLIDING
+from shear_sim.protocol import snapshot_rows
+from shear_sim.results import Results
+from shear_sim.runner import Stopped, run_job
+from shear_sim.snapshots import clusters, damage, in_cell, paths, read_snapshots
+from shear_sim.study import Job, StudyError, read_study
+from shear_sim.tables import TableError
+
+MICROGEL = {"packing": {"discs": 40, "packing_fraction": 1.5}, "shear": {"strain_amplitude": 0.5}}
+HARD = {"packing": {"discs": 24, "packing_fraction": 0.8}, "model": {"kind": "hard_disc"}}
+STEADY = {"kind": "steady", "strain": 0.5}
+POINTS = {
+    "microgel: friction and links": {**MICROGEL, "model": {"friction": 0.1}},
+    "microgel: loose, plates": {
+        **MICROGEL,
+        "model": {"links": {"cut": "none"}},
+        "cell": {"boundary": "plates"},
+    },
+    "microgel: steady, backwards": {
+        **MICROGEL,
+        "shear": {"kind": "steady", "relative_rate": -0.05, "strain": 1.0},
+    },
+    "hard discs: steady": {**HARD, "shear": STEADY},
+    "hard discs: fixed pressure": {**HARD, "shear": {**STEADY, "scaled_pressure": 10.0}},
+    "hard discs: oscillatory": {**HARD, "shear": {"kind": "oscillatory", "periods": 1}},
+    "hard discs: triangles": {
+        **HARD,
+        "packing": {"discs": 24, "packing_fraction": 0.7, "body": "triangle"},
+        "shear": STEADY,
+    },
+    "soft particle: ring with friction": {
+        "packing": {"vertices": 24},
+        "model": {"kind": "soft_particle", "friction": 1e-5},
+        "shear": {"kind": "diametral_compression", "compression": 0.3, "relative_rate": 0.03},
+        "record": {"rows": 40},
+    },
+}
+NAMES = sorted(POINTS)
+
+
+def make_job(name, snapshots=None):
+    data = POINTS[name]
+    kind = data.get("model", {}).get("kind", "microgel")
+    data = data | {"record": data.get("record", {}) | {"snapshots": snapshots}}
+    return Job.create(models.model(kind).POINT.model_validate(data), seed=3, replicate=1)
+
+
+def started(name, snapshots=None):
+    job = make_job(name, snapshots)
+    return models.model(job.point.kind).start(job.point, job.streams)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Every point run to the end, with snapshots, by its name."""
+    made = {}
+
+    def get(name):
+        if name not in made:
+            made[name] = started(name, 10)
+            made[name].advance(made[name].rows)
+        return made[name]
+
+    return get
+
+
+def forces(snapshot):
+    """What each contact does to its second particle (C, 2)."""
+    normal = snapshot.separation / np.hypot(*snapshot.separation.T)[:, None]
+    along = np.column_stack([-normal[:, 1], normal[:, 0]])
+    return snapshot.normal[:, None] * normal + snapshot.tangential[:, None] * along
+
+
+def stress(snapshot):
+    area = snapshot.width * snapshot.height
+    return np.einsum("ca,cb->ab", forces(snapshot), snapshot.separation) / area
+
+
+# --- What is kept --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_snapshots_do_not_change_a_bit(name, runs):
+    plain = started(name)
+    while plain.done < plain.rows:
+        plain.advance(37)  # also in other blocks
+    kept = runs(name).columns()
+    for column, values in plain.columns().items():
+        assert values.tobytes() == kept[column].tobytes(), column
+    assert len(plain.snapshots) == 0
+    assert len(runs(name).snapshots) > 4
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n.startswith("microgel")])
+def test_forces_of_the_contacts_sum_to_the_recorded_stress(name, runs):
+    """σ = Σ f r / V of all contacts and links, of a periodic cell and of one with plates."""
+    columns, sliding = runs(name).columns(), 0
+    for snapshot in runs(name).snapshots:
+        recorded = [
+            [columns[f"periodic_love_weber_{a}{b}"][snapshot.row] for b in "xy"] for a in "xy"
+        ]
+        assert stress(snapshot) == pytest.approx(np.array(recorded), rel=1e-12, abs=1e-9)
+        touching = np.hypot(*snapshot.separation.T) < snapshot.radius[
+            np.column_stack([snapshot.i, snapshot.j])
+        ].sum(axis=1)
+        discs = len(snapshot.radius)
+        assert 2 * touching.sum() / discs == columns["coordination"][snapshot.row]
+        sliding += (snapshot.kind == SLIDING).sum()
+    assert sliding > 0
+    assert any((s.kind == LINK).any() for s in runs(name).snapshots) == ("loose" not in name)
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n.startswith("hard")])
+def test_forces_of_hard_discs_sum_to_the_recorded_stress(name, runs):
+    columns = runs(name).columns()
+    loaded = 0
+    for snapshot in runs(name).snapshots:
+        found, row = stress(snapshot), snapshot.row
+        loaded += len(snapshot.i) > 0
+        shear, pressure = columns["scaled_shear_stress"][row], columns["scaled_pressure"][row]
+        assert abs(found[0, 1]) == pytest.approx(abs(shear), rel=1e-12)
+        assert np.trace(found) / 2 == pytest.approx(pressure, rel=1e-12)
+        gap = np.hypot(*snapshot.separation.T)
+        gap -= snapshot.radius[snapshot.i] + snapshot.radius[snapshot.j]
+        assert np.abs(gap).max(initial=0) < 1e-12
+    assert loaded > 2
+
+
+def test_contacts_of_a_ring_are_the_forces_on_its_vertices(runs):
+    """Bars, hinges and plates: what they do to each vertex, and to the plates in sum."""
+    name = "soft particle: ring with friction"
+    run, columns = runs(name), runs(name).columns()
+    last, motion = run.snapshots[-1], run.run.system.motion
+    assert last.row == run.rows - 1
+    force = forces(last)
+    total = np.zeros((24, 2))
+    np.add.at(total, last.i, -force)
+    np.add.at(total, last.j[last.j >= 0], force[last.j >= 0])
+    scale = np.abs(force).max()
+    assert np.abs(total - np.column_stack([motion.fx, motion.fy])).max() < 1e-12 * scale
+    for snapshot in run.snapshots:
+        plates = snapshot.j < 0
+        push = snapshot.normal[plates].sum() / 2
+        assert push == pytest.approx(columns["force"][snapshot.row], rel=1e-12)
+    assert any((s.kind == SLIDING).any() for s in run.snapshots)
+
+
+def test_separations_join_images_of_the_particles(runs):
+    """Separation − (position of j − position of i) is a vector of the lattice."""
+    for name in ("microgel: steady, backwards", "hard discs: steady"):
+        for s in runs(name).snapshots:
+            x, y = (s.separation - s.position[s.j] + s.position[s.i]).T
+            up = y / s.height
+            across = (x - np.rint(up) * s.offset) / s.width
+            assert np.abs(up - np.rint(up)).max(initial=0) < 1e-12
+            assert np.abs(across - np.rint(across)).max(initial=0) < 1e-12
+
+
+def test_velocities_are_those_of_the_flow_and_beside_it(runs):
+    """Hard discs that touch do not approach: r·(v_j − v_i) = 0, images with the cell's velocity."""
+    compared = 0
+    for s in runs("hard discs: steady").snapshots:
+        up = np.rint((s.separation - s.position[s.j] + s.position[s.i])[:, 1] / s.height)
+        relative = s.velocity[s.j] - s.velocity[s.i]
+        relative[:, 0] += up * s.height  # of strain 1
+        assert np.abs((relative * s.separation).sum(axis=1)).max(initial=0) < 1e-9
+        compared += len(up)
+    assert compared > 50
+
+
+# --- When ----------------------------------------------------------------------------------------
+
+
+def test_a_number_counts_in_units_of_the_protocol():
+    clock = np.linspace(-2, 4, 601)  # periods; the shear ends at 3
+    assert [round(clock[row], 9) for row in snapshot_rows(2, clock, 3.0)] == [
+        0, 0.5, 1, 1.5, 2, 2.5, 3,
+    ]  # fmt: skip
+    assert len(snapshot_rows(100, clock, 3.0)) == 301
+
+
+def test_moments_are_those_of_the_nearest_records():
+    clock = np.linspace(0, 1, 11)
+    assert snapshot_rows((0.0, 0.32, 0.31, 0.97), clock, 1.0) == (0, 3, 10)
+    assert snapshot_rows(None, clock, 1.0) == ()
+
+
+def test_a_number_of_an_oscillation_begins_with_the_shear():
+    simulation = started("microgel: friction and links", 4)
+    simulation.advance(simulation.rows)
+    columns = simulation.columns()
+    rows = [snapshot.row for snapshot in simulation.snapshots]
+    assert rows == list(range(200, 501, 25))  # two periods of rest, three of shear
+    assert columns["strain"][rows[1]] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("record: {snapshots: 0}", "record.snapshots = 0: must be a number of snapshots"),
+        ("record: {snapshots: [a]}", "must be a number of snapshots"),
+        ("record: {snapshots: []}", "or a list of moments"),
+        ("record: {snapshots: 101}", "in which there are 100 records: at most that many"),
+        ("record: {snapshots: [0, 9]}", "9 is not within the run, from -2 to 4"),
+        (
+            "{model: {kind: hard_disc}, shear: {kind: steady}, record: {snapshots: [-0.1]}}",
+            "-0.1 is not within the run, from 0 to",
+        ),
+        ("model: {kind: soft_particle}\nrecord: {snapshots: [2.1]}", "from 0 to 2"),
+    ],
+)
+def test_what_cannot_be_kept_is_said_with_its_line(text, message, tmp_path):
+    with pytest.raises(StudyError, match="1 problem") as caught:
+        read_study(text.encode(), tmp_path / "study.yaml")
+    assert message in str(caught.value)
+
+
+def test_a_study_without_snapshots_keeps_its_job_ids():
+    """Results made before there were snapshots stay: the key is left out where there are none."""
+    parameters = make_job("hard discs: steady").parameters
+    assert "snapshots" not in parameters["record"]
+    one, other = make_job("hard discs: steady", 2), make_job("hard discs: steady", 3)
+    assert one.parameters["record"]["snapshots"] == 2
+    assert len({one.id, other.id, make_job("hard discs: steady").id}) == 3
+    assert Job.from_json(one.to_json()) == one
+
+
+# --- Files ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A results folder with one finished job of each model."""
+    results = Results(tmp_path_factory.mktemp("study"))
+    results.jobs.mkdir()
+    for name in NAMES:
+        if name.endswith(("links", "triangles", "friction")):
+            run_job(make_job(name, 5), results.jobs)
+    return results
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in NAMES if n.endswith(("links", "triangles", "friction"))]
+)
+def test_files_give_the_snapshots_back(name, study):
+    simulation = started(name, 5)
+    simulation.advance(simulation.rows)
+    found = read_snapshots(study.snapshots, make_job(name, 5).id)
+    assert [s.row for s in found] == [s.row for s in simulation.snapshots]
+    for back, snapshot in zip(found, simulation.snapshots, strict=True):
+        for field in ("i", "j", "separation", "normal", "tangential", "kind", "fixed", "periodic"):
+            assert np.array_equal(getattr(back, field), getattr(snapshot, field)), field
+        assert np.array_equal(back.spin, snapshot.spin)
+        assert np.array_equal(back.walls, snapshot.walls)
+        side = snapshot.width
+        for field in ("velocity", "radius", "width", "height"):
+            value = np.asarray(getattr(snapshot, field))
+            scale = np.abs(value).max() + 1e-300
+            assert np.abs(getattr(back, field) - value).max() < 1e-6 * scale, field
+        away = in_cell(back) - in_cell(snapshot)
+        if snapshot.periodic:  # rounding may bring a particle to the other side
+            away[:, 0] -= np.rint(away[:, 1] / snapshot.height) * snapshot.offset
+            away -= np.rint(away / side) * side
+        assert np.abs(away).max() < 1e-6 * side
+
+
+def test_what_others_read(study):
+    """The 2D box, diameters, bonds and bodies of GSD's own reader; strain and stress in the log."""
+    job = make_job("microgel: friction and links", 5)
+    table = read_table(study.job_file(job.id))
+    assert table.summary["snapshots"] == {"count": 16}
+    gsd_file, _ = paths(study.snapshots, job.id)
+    with gsd.hoomd.open(gsd_file) as file:
+        for frame, snapshot in zip(file, read_snapshots(study.snapshots, job.id), strict=True):
+            box, row = frame.configuration.box, frame.configuration.step
+            strain = table.columns["strain"][row]
+            assert frame.configuration.dimensions == 2
+            assert box[2] == 0
+            assert box[3] * box[1] / box[0] == pytest.approx(strain - np.rint(strain), abs=1e-6)
+            assert frame.log["strain"] == [strain]
+            assert frame.log["shear_stress"] == [-table_shear(table, row)]
+            # In the box: |fractional coordinates| ≤ 1/2.
+            y = frame.particles.position[:, 1] / box[1]
+            x = (frame.particles.position[:, 0] - box[3] * box[1] * y) / box[0]
+            assert max(np.abs(x).max(), np.abs(y).max()) <= 0.5 + 1e-6
+            assert (frame.particles.diameter**2).sum() * np.pi / 4 == pytest.approx(
+                1.5 * box[0] * box[1], rel=1e-5
+            )
+            links = {frozenset(pair) for pair in frame.bonds.group.tolist()}
+            ends = np.column_stack([snapshot.i, snapshot.j])[snapshot.kind == LINK]
+            assert links == {frozenset(pair) for pair in ends.tolist()}
+            body = frame.particles.body
+            assert (body[frame.bonds.group[:, 0]] == body[frame.bonds.group[:, 1]]).all()
+            assert len(np.unique(body[body >= 0])) == table.summary["preparation"]["particles"]
+
+
+def table_shear(table, row):
+    return table.columns["periodic_love_weber_xy"][row] - table.columns["periodic_torque_yx"][row]
+
+
+def test_particles_that_are_linked_to_none_have_no_body(study):
+    job = make_job("hard discs: triangles", 5)
+    (first, *_) = read_snapshots(study.snapshots, job.id)
+    assert np.bincount(clusters(first)).tolist() == [3] * 8
+    loose = first._replace(kind=np.full(len(first.kind), 1, np.int8))
+    assert (clusters(loose) == -1).all()
+
+
+def test_kinds_are_words_in_the_table(study):
+    job = make_job("microgel: friction and links", 5)
+    kinds = read_table(paths(study.snapshots, job.id)[1]).columns["kind"]
+    assert set(kinds) == set(CONTACT_KINDS)
+
+
+def test_a_job_in_pieces_keeps_the_same_snapshots(tmp_path, monkeypatch):
+    """Killed between blocks it goes on from its checkpoint, with what it had kept."""
+    job = make_job("microgel: friction and links", 5)
+    files = []
+    for name, stop in (("whole", lambda: False), ("pieces", lambda: True)):
+        jobs = tmp_path / name / "jobs"
+        jobs.mkdir(parents=True)
+        monkeypatch.setattr(runner, "FIRST_BLOCK", 150)
+        if stop():
+            for _ in range(3):
+                with pytest.raises(Stopped):
+                    run_job(job, jobs, stop=stop)
+            assert not (tmp_path / name / "snapshots").exists()
+        path = run_job(job, jobs)
+        files.append([p.read_bytes() for p in paths(tmp_path / name / "snapshots", job.id)])
+        files[-1].append(path)
+    assert files[0][:2] == files[1][:2]
+    assert differences(read_table(files[0][2]), read_table(files[1][2])) == []
+
+
+def test_damage_is_found_and_the_job_can_run_again(tmp_path):
+    results = Results(tmp_path)
+    results.jobs.mkdir()
+    job = make_job("hard discs: steady", 5)
+    run_job(job, results.jobs)
+    gsd_file, table = paths(results.snapshots, job.id)
+    whole = gsd_file.read_bytes(), hashlib.sha256(table.read_bytes()).digest()
+    assert results.damaged() == {}
+    for path, harm in (
+        (gsd_file, lambda: gsd_file.write_bytes(whole[0][:500] + b"!" + whole[0][501:])),
+        (table, lambda: table.write_bytes(table.read_bytes()[:-9])),
+        (gsd_file, lambda: gsd_file.unlink()),
+    ):
+        harm()
+        assert str(path) in damage(results.snapshots, job.id)
+        assert list(results.damaged()) == [job.id]
+        with pytest.raises(TableError, match=path.name):
+            read_snapshots(results.snapshots, job.id)
+        results.set_aside(job.id)
+        run_job(job, results.jobs)
+        assert results.damaged() == {}
+        assert (gsd_file.read_bytes(), hashlib.sha256(table.read_bytes()).digest()) == whole

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from shear_sim import cli
 from shear_sim.results import Results
-from shear_sim.tables import read_summary, write_arrow
+from shear_sim.tables import read_arrow, read_summary, write_arrow
 
 HEAVY = {
     "numba",
@@ -243,6 +243,9 @@ def test_run_records_a_failure(swept, tmp_path):
         (["aggregate", "."], "not a results folder"),
         (["aggregate", ".", "--tensor", "surface"], "'periodic', 'internal', 'external'"),
         (["swep", "study.yaml"], "swep"),
+        (["sweep", "study.yaml", "--results", "x" * 300], "File name too long: give a shorter"),
+        (["status", "x" * 300], "File name too long: give a shorter"),
+        (["show", "x" * 300], "File name too long: give a shorter"),
     ],
 )
 def test_bad_input_is_explained_with_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):
@@ -337,10 +340,18 @@ def test_results_of_a_newer_version_are_refused(swept, tmp_path):
     shutil.copytree(folder / "results/study", results.folder)
     table, summary = results.plan()
     write_arrow(results.plan_file, table, {**summary, "format": 2})
+    job = results.job_file(min(results.finished()))
+    write_arrow(job, read_arrow(job), {**read_summary(job), "format": 2})
     study = (folder / "study.yaml", "--results", tmp_path / "results")
-    for command in (("sweep", *study), ("aggregate", results.folder)):
+    for command in (
+        ("sweep", *study),
+        ("status", *study),
+        ("aggregate", results.folder),
+        ("show", job),
+        ("run", job, "--results", tmp_path),
+    ):
         code, output = run(env, *command)
-        assert code == 2
+        assert code == 2, output
         assert "made by a newer version of shear-sim (format 2; this one reads 1)" in output
 
 

@@ -164,7 +164,7 @@ def test_contacts_of_two_chains_are_the_forces_on_each(closed):
     s = system(ring(12), other, friction=0.3)
     s.motion.vx[:12], s.motion.vy[:12] = 0.02, 0.05
     s.advance(round(1 / s.rules.step))
-    snapshot = take(s, 0, 8.0)
+    snapshot = take(s, 0, (-4.0, -4.0, 8.0, 8.0))
     touching = snapshot.kind != LINK
     force = forces(snapshot)
     total = np.zeros((len(s.motion.x), 2))

@@ -1,5 +1,6 @@
 """The command line: parse, call one function, report. Heavy libraries load inside the commands."""
 
+import errno
 import json
 import signal
 import sys
@@ -127,6 +128,10 @@ def sweep(
     jobs: Jobs = None,
     limit: Limit = None,
     retry_failed: RetryFailed = False,
+    division: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Jobs of the n shards, a line each, as submit writes."),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the plan.")] = False,
 ) -> None:
     """Run all jobs of a study that have no result yet, on all cores.
@@ -136,7 +141,9 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
-    planned = _plan(study, results, shard, jobs, limit, retry_failed, measure=dry_run)
+    planned = _plan(
+        study, results, shard, jobs, limit, retry_failed, division=division, measure=dry_run
+    )
     typer.echo(planned)
     if not dry_run:
         from shear_sim.screen import Screen
@@ -548,6 +555,7 @@ def _plan(
     limit: int | None,
     retry_failed: bool,
     *,
+    division: Path | None = None,
     quiet: bool = False,
     measure: bool = True,
 ) -> "Plan":
@@ -561,6 +569,7 @@ def _plan(
         loaded,
         _results(loaded, results),
         shard=part,
+        division=division,
         jobs=jobs,
         limit=limit,
         retry_failed=retry_failed,
@@ -586,7 +595,9 @@ def _load(study: Path) -> "Study":
 def _results(study: "Study", root: Path) -> "Results":
     from shear_sim.results import Results
 
-    return Results(root / study.name)
+    results = Results(root / study.name)
+    results.refuse_newer()
+    return results
 
 
 def _json(value: Any) -> str:
@@ -624,6 +635,9 @@ def _explain(error: Exception) -> int:
 
     if isinstance(error, StudyError | LegacyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
+        return BAD_INPUT
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        typer.echo(f"shear-sim: {error.filename}: {error.strerror}: give a shorter one", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)
     if not isinstance(error, SweepError | SlurmError | OSError):

@@ -25,7 +25,7 @@ class _Contact(NamedTuple):
     kind: int
 
 
-def take(system: System, row: int, side_of_cell: float) -> Snapshot:
+def take(system: System, row: int, frame: tuple[float, float, float, float]) -> Snapshot:
     """Return the snapshot of record ``row``.
 
     Bars are links with their tension and the shear force of their moments. Forces are those of
@@ -37,17 +37,18 @@ def take(system: System, row: int, side_of_cell: float) -> Snapshot:
     system : System
     row : int
         Number of the record.
-    side_of_cell : float
-        Of a square around the origin, which is what a picture shows [m].
+    frame : (left, bottom, width, height)
+        What a picture shows [m].
     """
     chains, motion, walls = system.chains, system.motion, system.walls
     rows = np.array([*_bars(system), *_between_chains(system), *_with_walls(system)])
     i, j, dx, dy, normal, tangential, kind = rows.reshape(-1, len(_Contact._fields)).T
-    half = 0.5 * side_of_cell
-    planes = np.column_stack([walls.nx, walls.ny, walls.position + half * (walls.nx + walls.ny)])
+    left, bottom, width, height = frame
+    at = walls.position - left * walls.nx - bottom * walls.ny
+    planes = np.column_stack([walls.nx, walls.ny, at])
     return Snapshot(
-        row=row, width=side_of_cell, height=side_of_cell, offset=0.0, periodic=False,
-        position=np.column_stack([motion.x, motion.y]) + half,
+        row=row, width=width, height=height, offset=0.0, periodic=False,
+        position=np.column_stack([motion.x - left, motion.y - bottom]),
         velocity=np.column_stack([motion.vx, motion.vy]),
         spin=np.zeros(len(motion.x)),
         radius=chains.radius[chains.chain],

@@ -231,9 +231,10 @@ class Scene:
         self._discs.set_facecolor(dimmed(faces[who], ~own)[order])  # type: ignore[arg-type]
         self._lines(s, place, moves)
         if self._shell:
-            self._discs.set_verts([place[_round_trip(s)]])
-            tint = to_rgba_array(_TINTS[0]) if not self._values else faces[:1]
-            self._discs.set_facecolor(tint)  # type: ignore[arg-type]
+            trips = _round_trips(s)
+            self._discs.set_verts([place[trip] for trip in trips])
+            tints = faces if self._values else to_rgba_array(self._tints)
+            self._discs.set_facecolor(tints[[t[0] for t in trips]])  # type: ignore[arg-type]
         self._edges(s, moves)
 
     def _moves(self, s: Snapshot) -> FloatArray:
@@ -480,20 +481,23 @@ def particle_tints(s: Snapshot) -> NDArray[np.str_]:
 
 
 def _is_shell(s: Snapshot) -> bool:
-    """Whether particles are the vertices of one closed shell."""
+    """Whether particles are the vertices of closed shells."""
     links = s.kind == LINK
     degree = np.bincount(np.concatenate([s.i[links], s.j[links]]), minlength=len(s.radius))
     return not s.periodic and bool((degree == 2).all())
 
 
-def _round_trip(s: Snapshot) -> list[int]:
-    """Return the vertices of a shell in order."""
+def _round_trips(s: Snapshot) -> list[list[int]]:
+    """Return the vertices of each shell in order."""
     links = s.kind == LINK
     after = dict(zip(s.i[links].tolist(), s.j[links].tolist(), strict=True))
-    order = [0]
-    while (vertex := after[order[-1]]) != 0:
-        order.append(vertex)
-    return order
+    trips = []
+    while after:
+        trip = [next(iter(after))]
+        while (vertex := after.pop(trip[-1])) != trip[0]:
+            trip.append(vertex)
+        trips.append(trip)
+    return trips
 
 
 def _wall(wall: FloatArray, s: Snapshot) -> Any:

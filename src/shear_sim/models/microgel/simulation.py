@@ -318,6 +318,8 @@ class MicrogelSimulation:
     def _snapshot_rows(self) -> tuple[int, ...]:
         """Return the records of which a snapshot is kept."""
         clock, wanted = self.clock, self.point.record.snapshots
+        if wanted is None:
+            return ()
         unit = clock.per_period if clock.kind == OSCILLATION else 1 / abs(clock.amplitude)
         steps = np.arange(self.rows) * clock.every - clock.begin
         return snapshot_rows(wanted, steps / unit, (clock.end - clock.begin) / unit)

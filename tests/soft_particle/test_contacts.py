@@ -5,7 +5,8 @@ import pytest
 from soft_particles import angular_momentum, chain, forces, momentum, polygon, ring, slope, system
 
 from shear_sim.models.interface import SimulationError
-from shear_sim.models.soft_particle.state import SEPARATION, SLIDING
+from shear_sim.models.soft_particle import contacts
+from shear_sim.models.soft_particle.state import SEPARATION, SLIDING, TWO_SIDED
 from shear_sim.models.soft_particle.system import Wall
 
 
@@ -51,6 +52,22 @@ def test_whatever_a_vertex_faces_counts_once(x, y, overlap):
     else:
         expected = 0.5 * overlap**2
     assert energy_at(s, v, x, y) == pytest.approx(expected, rel=1e-12)
+
+
+def test_rounding_counts_no_vertex_twice_or_never():
+    """Straight over a vertex of a straight chain, but for the last digit, in any direction."""
+    rng = np.random.default_rng(5)
+    count = []
+    for _ in range(2000):
+        turn, lengths = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 2.0, 2)
+        along = np.array([np.cos(turn), np.sin(turn)])
+        middle = rng.uniform(-9, 9, 2)
+        over = middle + 0.1 * np.array([along[1], -along[0]]) + rng.integers(-1, 2) * 1e-16 * along
+        x, y = np.array([middle - lengths[0] * along, middle, middle + lengths[1] * along, over]).T
+        coefficient, *_ = contacts.corner(x, y, 3, 0, 1, 2, 0.2, TWO_SIDED)
+        overlaps = [contacts.side(x, y, 3, s, s + 1, 0.2, TWO_SIDED)[0] for s in (0, 1)]
+        count.append(coefficient + np.count_nonzero(overlaps))
+    assert set(count) == {1.0}
 
 
 @pytest.mark.parametrize("closed", [True, False])

@@ -34,6 +34,7 @@ from shear_sim.models.soft_particle.state import (
     Work,
 )
 
+EDGE = 1e-9  # of a segment
 DEEPEST = -0.5  # signed distance / (r + r) behind which a ring is not touched from outside
 
 
@@ -70,7 +71,9 @@ def corner(
 ) -> tuple[float, float, float, float]:
     """Return coefficient, overlap [m] and normal of vertex ``v`` at vertex s between i and j.
 
-    i or j may be −1, at the end of an open chain. Without contact the coefficient is 0.
+    i or j may be −1, at the end of an open chain. Without contact the coefficient is 0. Whether it
+    is beyond the end of a segment is asked just as in ``side``, so that rounding cannot count it
+    twice, or never.
     """
     qx, qy = x[v] - x[s], y[v] - y[s]
     near = qx * qx + qy * qy
@@ -80,10 +83,11 @@ def corner(
     ax = ay = ex = ey = 0.0
     if i >= 0:
         ax, ay = x[s] - x[i], y[s] - y[i]
-        coefficient += 1.0 if qx * ax + qy * ay >= 0.0 else 0.0
+        along = (x[v] - x[i]) * ax + (y[v] - y[i]) * ay
+        coefficient += 0.0 if along < ax * ax + ay * ay else 1.0
     if j >= 0:
         ex, ey = x[j] - x[s], y[j] - y[s]
-        coefficient += 1.0 if qx * ex + qy * ey <= 0.0 else 0.0
+        coefficient += 0.0 if qx * ex + qy * ey > 0.0 else 1.0
     distance = np.sqrt(near)
     toward = 1.0
     if kind == ONE_SIDED and coefficient * (ax * ey - ay * ex) < 0.0:
@@ -113,7 +117,9 @@ def find_touching(
         square = bx * bx + by * by
         along = qx * bx + qy * by
         across = by * qx - bx * qy
-        near = (along > 0.0) & (along < square) & (across * across < square * limit)
+        # Rounding may be other than where it is looked at again: that decides.
+        near = (along > -EDGE * square) & (along < (1.0 + EDGE) * square)
+        near &= across * across < square * limit
         near |= qx * qx + qy * qy < limit
         qx -= bx
         qy -= by

@@ -285,6 +285,9 @@ def status(
 
     of = Results.existing(target) if target.is_dir() else _results(_load(target), results)
     if watch:
+        if as_json:
+            msg = "--watch is for people and --json for scripts: give one of them"
+            raise typer.BadParameter(msg)
         module.watch(of, _show)
         return
     found = module.read_status(of)
@@ -567,7 +570,10 @@ def _shard(text: str) -> tuple[int, int]:
     index, slash, count = text.partition("/")
     if slash and index.isdecimal() and count.isdecimal() and int(index) < int(count):
         return int(index), int(count)
-    msg = f"--shard {text}: should be i/n with i from 0 to n - 1, such as 0/4"
+    msg = (
+        f"--shard {text}: should be i/n with i from 0 to n - 1, such as 0/4; an array of Slurm "
+        "starts from 0 too: --array=0-3, not 1-4"
+    )
     raise typer.BadParameter(msg)
 
 

@@ -41,13 +41,12 @@ from shear_sim.aggregate import save
 from shear_sim.figures import style
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel.parameters import Links, Microgel, MicrogelPoint
+from shear_sim.models.microgel.preparation import Start, make_start
 from shear_sim.models.microgel.simulation import (
     STEP_ENERGY,
     MicrogelSimulation,
-    Start,
     kernels_of,
     make_clock,
-    make_start,
     refined,
 )
 from shear_sim.packing import Packing

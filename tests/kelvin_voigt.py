@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -70,6 +71,8 @@ class _Simulation:
 
     def advance(self, rows):
         model = self.point.model
+        while Path(os.environ.get("HELD_BY", "")).is_file():  # a test lets its jobs go
+            time.sleep(0.05)
         time.sleep(model.seconds * min(rows, self.rows - self.done) / self.rows)
         self.done = min(self.rows, self.done + rows)
         if self.done == self.rows and "HEALED" not in os.environ:

@@ -16,14 +16,13 @@ from shear_sim.models.microgel.parameters import (
     MicrogelPoint,
     Record,
 )
+from shear_sim.models.microgel.preparation import glue, prepare
 from shear_sim.models.microgel.simulation import (
     STEP_ENERGY,
     MicrogelSimulation,
-    glue,
     kernels_for,
     make_discs,
     make_pairs,
-    prepare,
 )
 from shear_sim.models.microgel.state import STEADY, Clock, Constants
 from shear_sim.packing import Cell, Packing

@@ -33,6 +33,16 @@ POINTS = {
     "hard discs: oscillatory": {"shear": {"kind": "oscillatory", "strain_amplitude": 0.2}},
     "hard discs: self-propelled": {"shear": {"kind": "self_propelled", "duration": 1.0}},
     "hard discs: until jammed": {"shear": {"kind": "compression", "compression": 0.1}},
+    "hard discs: through a jam": {
+        "shear": {
+            "kind": "stages",
+            "stages": [
+                {"compression": 1.0, "length": 0.1},
+                {"compression": -1.0, "length": 0.02},
+                {"shear": -1, "length": 0.1},
+            ],
+        }
+    },
     "hard discs: time steps": {
         "shear": STEADY,
         "integrator": {"scheme": "time_steps", "strain_step": 0.005},
@@ -123,6 +133,30 @@ def test_only_a_whole_checkpoint_of_this_code_is_taken_up(damage, tmp_path, monk
     assert run["resumed"] == (damage == "nothing")
     assert ("the job begins anew" in said) == (damage != "nothing")
     assert not checkpoint.exists()
+
+
+def test_a_checkpoint_of_another_job_is_not_taken_up(tmp_path, monkeypatch, capfd):
+    """Copied or renamed by hand: a result under the wrong id would look whole."""
+    job, other = make_job(), make_job("hard discs: oscillatory")
+    undisturbed = read_table(run_job(other, folder(tmp_path, "undisturbed")))
+    jobs = folder(tmp_path, "study")
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "FIRST_BLOCK", 100)
+        with pytest.raises(Stopped):
+            run_job(job, jobs, stop=lambda: True)
+    checkpoint = jobs.parent / f"checkpoints/{job.id}.pickle"
+    checkpoint.rename(checkpoint.with_name(f"{other.id}.pickle"))
+    result = read_table(run_job(other, jobs))
+    assert "of another job" in capfd.readouterr().err
+    assert result.summary["run"]["resumed"] == 0
+    assert differences(undisturbed, result) == []
+
+
+def test_a_folder_in_the_place_of_a_checkpoint_says_what_to_do(tmp_path):
+    job, jobs = make_job(), folder(tmp_path, "study")
+    (jobs.parent / f"checkpoints/{job.id}.pickle").mkdir(parents=True)
+    with pytest.raises(IsADirectoryError, match=rf"move it away.*{job.id}.pickle"):
+        run_job(job, jobs)
 
 
 def test_a_job_that_fails_by_physics_leaves_no_checkpoint(tmp_path, monkeypatch):

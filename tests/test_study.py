@@ -6,7 +6,6 @@ import json
 import pickle
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -688,6 +687,7 @@ def test_reading_a_study_is_light():
         ("full", 20_000, 30_000),
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
+        ("soft_particle_compaction", 4, 4),
         ("particleshear", 840, 840),
     ],
 )
@@ -720,6 +720,7 @@ def test_every_config_file_is_tested():
         "full",
         "hard_disc",
         "soft_particle_ring",
+        "soft_particle_compaction",
         "particleshear",
     }
 
@@ -736,11 +737,3 @@ def test_the_main_study_is_the_published_one_in_small():
         branch = [p for p in points if block in dict(p.labels)]
         assert {p.point.shear.strain_amplitude for p in branch} == {0.01, 0.2, 1}
         assert sum(len(p.labels) > 1 for p in branch) == 3  # joined to the main block at its base
-
-
-def test_a_published_study_is_planned_in_seconds():
-    """25,000 jobs take 0.3 s here; 5 s leaves room for a slow machine and is no nuisance yet."""
-    start = time.perf_counter()
-    jobs = load_study(CONFIGS / "full.yaml").jobs()
-    assert len(jobs) >= 20_000
-    assert time.perf_counter() - start < 5

@@ -9,13 +9,8 @@ from shear_sim.models.microgel.parameters import (
     Microgel,
     MicrogelPoint,
 )
-from shear_sim.models.microgel.simulation import (
-    MicrogelSimulation,
-    Start,
-    kernels_of,
-    make_clock,
-    make_start,
-)
+from shear_sim.models.microgel.preparation import Start, make_start
+from shear_sim.models.microgel.simulation import MicrogelSimulation, kernels_of, make_clock
 from shear_sim.packing import Equilibration, Packing
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams

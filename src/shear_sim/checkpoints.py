@@ -1,7 +1,8 @@
 """Checkpoints: a simulation on its way, from which it goes on to the same bits.
 
-A file holds a checksum, the key of the code that wrote it, and the pickled simulation. It is read
-by the same sources and versions on the same type of processor only, which is what lets a pickle do.
+A file holds a checksum, the key of the code that wrote it, the job, and the pickled simulation. It
+is read for the same job by the same sources and versions on the same type of processor only, which
+is what lets a pickle do.
 """
 
 import hashlib
@@ -26,7 +27,7 @@ class Progress:
 
 
 def write_checkpoint(path: Path, progress: Progress) -> None:
-    """Write a checkpoint whole; an older one stays until then.
+    """Write a checkpoint whole, for the job that ``path`` names; an older one stays until then.
 
     Raises
     ------
@@ -34,31 +35,43 @@ def write_checkpoint(path: Path, progress: Progress) -> None:
         If it cannot be written.
     """
     path.parent.mkdir(exist_ok=True)
-    data = build_key().encode() + pickle.dumps(progress)
+    data = _header(path) + pickle.dumps(progress)
     write_whole(path, hashlib.sha256(data).digest() + data)
 
 
 def read_checkpoint(path: Path) -> Progress | None:
     """Return what `write_checkpoint` kept; None if there is nothing that can go on.
 
-    A damaged file, or one of other code or another type of processor, is said on standard error
-    (in a sweep: in its log), and the job begins anew.
+    A damaged file, or one of another job, other code or another type of processor, is said on
+    standard error (in a sweep: in its log), and the job begins anew.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; says what to do where a folder has its name.
     """
     try:
         content = path.read_bytes()
     except FileNotFoundError:
         return None
-    digest, data, key = content[:32], content[32:], build_key().encode()
+    except IsADirectoryError as error:
+        msg = "a folder in the place of a checkpoint: move it away"
+        raise IsADirectoryError(error.errno, msg, str(path)) from error
+    digest, data, header = content[:32], content[32:], _header(path)
     if hashlib.sha256(data).digest() != digest:
         print(f"{path}: damaged; the job begins anew", file=sys.stderr, flush=True)
         return None
-    if not data.startswith(key):
+    if not data.startswith(header):
         print(
-            f"{path}: of other code or another type of processor; the job begins anew",
+            f"{path}: of another job, other code or another type of processor; the job begins anew",
             file=sys.stderr,
             flush=True,
         )
         return None
-    progress: Progress = pickle.loads(data[len(key) :])  # noqa: S301 - ours, see above
+    progress: Progress = pickle.loads(data[len(header) :])  # noqa: S301 - ours, see above
     progress.resumed += 1
     return progress
+
+
+def _header(path: Path) -> bytes:
+    return build_key().encode() + path.stem.encode()

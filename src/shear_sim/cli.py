@@ -1,5 +1,6 @@
 """The command line: parse, call one function, report. Heavy libraries load inside the commands."""
 
+import errno
 import json
 import signal
 import sys
@@ -50,6 +51,20 @@ RetryFailed = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RESULTS = Path("results")
+
+
+def _known_jobs(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the finished jobs whose id begins so, for a shell that completes words."""
+    found = Path(context.params.get("results") or RESULTS).glob(f"*/jobs/{incomplete}*.parquet")
+    return sorted(path.stem for path in found)
+
+
+JobName = Annotated[
+    str,
+    typer.Argument(
+        metavar="JOB", help="Result file, or begin of a job id.", autocompletion=_known_jobs
+    ),
+]
 
 
 class Tensor(StrEnum):
@@ -296,7 +311,7 @@ def status(
 
 @app.command()
 def show(
-    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    job: JobName,
     results: Root = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -317,7 +332,7 @@ def show(
 
 @app.command()
 def render(
-    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    job: JobName,
     results: Root = RESULTS,
     snapshot: Annotated[
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
@@ -586,7 +601,9 @@ def _load(study: Path) -> "Study":
 def _results(study: "Study", root: Path) -> "Results":
     from shear_sim.results import Results
 
-    return Results(root / study.name)
+    results = Results(root / study.name)
+    results.refuse_newer()
+    return results
 
 
 def _json(value: Any) -> str:
@@ -624,6 +641,9 @@ def _explain(error: Exception) -> int:
 
     if isinstance(error, StudyError | LegacyError | PlanError | ResultsError | TableError):
         typer.echo(f"shear-sim: {error}", err=True)
+        return BAD_INPUT
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        typer.echo(f"shear-sim: {error.filename}: {error.strerror}: give a shorter one", err=True)
         return BAD_INPUT
     typer.echo(f"shear-sim: {str(error) or type(error).__name__}", err=True)
     if not isinstance(error, SweepError | SlurmError | OSError):

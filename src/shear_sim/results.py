@@ -113,7 +113,8 @@ class Results:
     def prepare(self, study: "Study", *, keep_plan: bool = True) -> None:
         """Make the folders, keep the study file and its plan, and clean up after killed writers.
 
-        Only one task of an array keeps them (``keep_plan``): no file is written by all.
+        Only one task of an array keeps them (``keep_plan``), where they are there: no file is
+        written again and again by all.
 
         Raises
         ------
@@ -132,7 +133,7 @@ class Results:
                     path.unlink(missing_ok=True)
             remove_partial(self.snapshots)
             remove_partial(self.folder)
-            if not keep_plan:
+            if not keep_plan and self.study_file.exists() and self.plan_file.exists():
                 return
             text = study.text.encode()
             if not self.study_file.exists() or self.study_file.read_bytes() != text:
@@ -176,6 +177,9 @@ class Results:
         TableError
             If there is no plan or it is damaged.
         """
+        if not self.plan_file.exists():
+            msg = f"{self.plan_file}: no such file: `shear-sim sweep STUDY.yaml` makes it again"
+            raise TableError(msg)
         return read_arrow(self.plan_file), read_summary(self.plan_file)
 
     def program(self) -> str | None:
@@ -437,18 +441,20 @@ def read_job_summary(path: Path) -> dict[str, Any]:
     ------
     TableError
         If the file is damaged, or another table of shear-sim: an index, say.
+    ResultsError
+        If a newer version of the program has made it.
     """
     summary = read_summary(path)
     if not isinstance(summary.get("job"), dict):
         msg = f"{path}: not a result file of a job: those lie in results/<study>/jobs/"
         raise TableError(msg)
+    _refuse_newer(path, summary)
     return summary
 
 
 def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     """Return the row of one result file; ``stamp`` is its size and time of change."""
     summary = read_job_summary(path)
-    _refuse_newer(path, summary)
     job = summary["job"]
     if job["id"] != path.stem:
         msg = f"{path}: the result of another job, {job['id']}"

@@ -207,23 +207,24 @@ def _parted(content: bytes) -> tuple[bytes, bytes, bytes]:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a table whose checksum is right; tables of old have none.
+    """Return the bytes of a table whose checksum is right.
 
     Raises
     ------
     TableError
-        If the file cannot be read, or any bit of it is not what was written.
+        If the file cannot be read, is of another program, or any bit is not what was written.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
         raise _damaged(path, error) from error
     head, checksum, tail = _parted(content)
-    if checksum:
-        expected = hashlib.sha256(head + _NO_CHECKSUM + tail).hexdigest().encode()
-        if checksum != expected:
-            msg = f"{path}: damaged: its checksum is wrong"
-            raise TableError(msg)
+    if not checksum:
+        msg = f"{path}: cannot be read as a table of shear-sim: damaged, or of another program"
+        raise TableError(msg)
+    if checksum != hashlib.sha256(head + _NO_CHECKSUM + tail).hexdigest().encode():
+        msg = f"{path}: damaged: its checksum is wrong"
+        raise TableError(msg)
     return content
 
 
@@ -278,15 +279,9 @@ def _summary_of(content: bytes, path: Path) -> dict[str, Any]:
     from pyarrow import parquet
 
     try:
-        metadata = parquet.read_metadata(pa.BufferReader(content)).metadata or {}
-    except (pa.ArrowException, OSError) as error:
-        raise _damaged(path, error) from error
-    try:
+        metadata = parquet.read_metadata(pa.BufferReader(content)).metadata
         summary: dict[str, Any] = json.loads(metadata[SUMMARY_KEY.encode()])
-    except KeyError:
-        msg = f"{path}: a Parquet file, but not one of shear-sim (no summary in its metadata)"
-        raise TableError(msg) from None
-    except ValueError as error:
+    except (pa.ArrowException, OSError) as error:
         raise _damaged(path, error) from error
     return summary
 

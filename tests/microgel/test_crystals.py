@@ -18,6 +18,7 @@ from shear_sim.models.microgel.parameters import (
     Microgel,
     MicrogelPoint,
 )
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.simulation import (
     MicrogelSimulation,
     kernels_for,
@@ -26,7 +27,6 @@ from shear_sim.models.microgel.simulation import (
     make_constants,
     make_discs,
     make_pairs,
-    prepare,
     time_scale,
 )
 from shear_sim.packing import Packing, start_discs

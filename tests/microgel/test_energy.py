@@ -21,8 +21,9 @@ from shear_sim.models.microgel.parameters import (
     PlateauLaw,
     Record,
 )
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.prepared import energy_residual
-from shear_sim.models.microgel.simulation import kernels_for, prepare
+from shear_sim.models.microgel.simulation import kernels_for
 from shear_sim.packing import Cell, Packing
 from shear_sim.protocol import OscillatoryShear, SteadyShear
 from shear_sim.streams import Streams

@@ -30,7 +30,7 @@ import pytest
 from scenes import scene
 
 from shear_sim.models.microgel.parameters import Integrator, Links, Microgel, MicrogelPoint
-from shear_sim.models.microgel.simulation import prepare
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.packing import Packing
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams

@@ -7,7 +7,8 @@ import pytest
 from scenes import finish, packing_point, prepared, scene
 
 from shear_sim.models.microgel.parameters import Integrator, Links, Microgel, MicrogelPoint
-from shear_sim.models.microgel.simulation import kernels_for, laws, prepare
+from shear_sim.models.microgel.preparation import prepare
+from shear_sim.models.microgel.simulation import kernels_for, laws
 from shear_sim.packing import Packing
 from shear_sim.protocol import OscillatoryShear, SteadyShear
 from shear_sim.streams import Streams

@@ -145,6 +145,10 @@ class Cluster:
             _kill(pid)
         self.daemons.pop(node).wait()
 
+    def give_up(self, node: str) -> None:
+        """Declare a dead node dead, as the controller does by itself after a while."""
+        self.ask("scontrol", "update", f"NodeName={node}", "State=DOWN", "Reason=dead")
+
     def processes(self, node: str | None = None) -> list[int]:
         """Return the processes of jobs of this cluster, or of one node: all that Slurm started."""
         marks = {f"SLURM_CONF={self.conf}"} | ({f"SLURMD_NODENAME={node}"} if node else set())

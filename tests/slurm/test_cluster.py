@@ -149,6 +149,11 @@ def running_on(cluster, array):
     return lines.split()[0] if lines else None
 
 
+def working_on(cluster, node):
+    """Tell whether a sweep has its workers on a node: script, supervisor, server and worker."""
+    return len(cluster.processes(node)) > 3
+
+
 def test_warned_and_cancelled_tasks_lose_nothing(cluster, user, tmp_path, fast):
     """A warning has the task requeued, which goes on; of a cancelled one submit takes the rest."""
     study = write_study(tmp_path, seconds=4, replicates=1)
@@ -181,22 +186,26 @@ def test_warned_and_cancelled_tasks_lose_nothing(cluster, user, tmp_path, fast):
 
 def test_orphans_of_a_dead_daemon_do_no_harm(cluster, user, tmp_path, fast_many):
     """The daemon of a node dies, its task goes on unseen, and Slurm runs it a second time."""
-    study = write_study(tmp_path, seconds=1.2, replicates=10)
+    study, held = write_study(tmp_path, replicates=10), tmp_path / "held"
+    held.touch()
     given = ("submit", study, "--results", tmp_path, "--time", 10, "--max-tasks", 1)
-    assert run(user, *given)[0] == 0
+    assert run({**user, "HELD_BY": str(held)}, *given)[0] == 0
     results = Results(tmp_path / "study")
     [array] = tasks(results.folder)
-    wait_until(results.finished, SECONDS)
-    node, before = running_on(cluster, array.job), cluster.requeued()
+    node = wait_until(lambda: running_on(cluster, array.job), SECONDS)
+    wait_until(lambda: working_on(cluster, node), SECONDS)
+    before = cluster.requeued()
     cluster.kill_node(node, with_jobs=False)
+    cluster.give_up(node)
     wait_until(lambda: cluster.requeued() > before, SECONDS)
     other = wait_until(lambda: running_on(cluster, array.job), SECONDS)
     assert other != node
-    wait_until(lambda: len(cluster.processes(other)) > 2, SECONDS)
-    assert len(cluster.processes(node)) > 2  # two live runs of one task
+    wait_until(lambda: working_on(cluster, other), SECONDS)
+    assert working_on(cluster, node)  # two live runs of one task
+    held.unlink()
     cluster.start_node(node)
     wait_until(lambda: all_ended(cluster, results) and not cluster.processes(node), SECONDS)
-    assert_same_but_for_the_wait(fast_many, results)
+    assert_same(fast_many, results)
 
 
 def test_a_job_longer_than_its_time_limit_goes_on_to_the_same_bits(cluster, limited, one):

@@ -1,7 +1,8 @@
 """Microgel: bidisperse visco-elastic discs, with friction and permanent crosslinks.
 
 Source: Braschler's particleShear manual, parts 1 to 4 (equations S1-…, tables S2-…, S4-…).
-Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``simulation``.
+Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``simulation``,
+``preparation``.
 """
 
 from collections.abc import Sequence
@@ -32,14 +33,14 @@ __all__ = [
 
 def start(point: MicrogelPoint, streams: Streams) -> Simulation:
     """Prepare a simulation: packing, equilibration, links, equilibration."""
-    from shear_sim.models.microgel.simulation import prepare  # loads Numba
+    from shear_sim.models.microgel.preparation import prepare  # loads Numba
 
     return prepare(point, streams)
 
 
 def compile_for(points: Sequence[MicrogelPoint]) -> None:
     """Compile all kernels that ``points`` need, or load them from the cache."""
-    from shear_sim.models.microgel.simulation import compile_kernels
+    from shear_sim.models.microgel.preparation import compile_kernels
 
     compile_kernels(points)
 

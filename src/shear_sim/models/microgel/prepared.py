@@ -6,13 +6,8 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 
 from shear_sim.models.microgel.parameters import Integrator, MicrogelPoint
-from shear_sim.models.microgel.simulation import (
-    MicrogelSimulation,
-    kernels_of,
-    make_clock,
-    make_start,
-    refined,
-)
+from shear_sim.models.microgel.preparation import make_start
+from shear_sim.models.microgel.simulation import MicrogelSimulation, kernels_of, make_clock, refined
 from shear_sim.models.microgel.state import STEADY, Clock, Discs, Pairs
 from shear_sim.streams import Streams
 

@@ -141,6 +141,9 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
+    # Slurm's warning is kept for the supervisor: a task that ended now would not be requeued.
+    received: list[int] = []
+    signal.signal(signal.SIGUSR1, lambda number, _frame: received.append(number))
     planned = _plan(
         study, results, shard, jobs, limit, retry_failed, division=division, measure=dry_run
     )
@@ -149,7 +152,7 @@ def sweep(
         from shear_sim.screen import Screen
         from shear_sim.sweep import describe_report, run_plan
 
-        report = run_plan(planned, Screen())
+        report = run_plan(planned, Screen(), received)
         typer.echo(describe_report(planned, report))
         if report.signal == signal.SIGUSR1 and report.left:
             _requeue(planned, progress=report.progress)

@@ -13,6 +13,7 @@ from shear_sim.runner import Stopped, run_job
 from shear_sim.single import differences
 from shear_sim.study import Job
 from shear_sim.tables import read_table
+from shear_sim.workers import attempt
 
 STEADY = {"kind": "steady", "strain": 0.5}
 POINTS = {
@@ -111,6 +112,18 @@ def test_a_long_job_keeps_checkpoints_without_being_asked(tmp_path, monkeypatch)
     run_job(job, jobs)
     assert kept[0] == 50
     assert kept == sorted(set(kept))
+
+
+def test_a_job_that_begins_anew_is_no_further(tmp_path, monkeypatch):
+    """As on a processor of another type at each run of a task: such requeues must be capped."""
+    job, jobs = make_job(), folder(tmp_path, "study")
+    monkeypatch.setattr(runner, "FIRST_BLOCK", 50)
+    said = []
+    for key in ("a", "a", "b", "a", "a"):
+        monkeypatch.setattr("shear_sim.checkpoints.build_key", lambda key=key: key)
+        said.append(attempt(job, jobs, stop=lambda: True))
+    assert [ending.stopped for ending in said] == [True] * 5
+    assert [ending.anew for ending in said] == [False, False, True, True, False]
 
 
 @pytest.mark.parametrize("damage", ["truncated", "a bit", "other code", "nothing"])

@@ -229,7 +229,7 @@ def test_run_records_a_failure(swept, tmp_path):
     [
         (["sweep", "missing.yaml"], "missing.yaml"),
         (["sweep", "bad.yaml"], "strain_amplitude"),
-        (["plan", "study.yaml", "--shard", "4/4"], "i/n with i from 0 to n - 1"),
+        (["plan", "study.yaml", "--shard", "4/4"], "starts from 0 too: --array=0-3"),
         (["plan", "study.yaml", "--shard", "one"], "i/n with i from 0 to n - 1"),
         (["plan", "study.yaml", "--jobs", "0"], "--jobs"),
         (["run", "study.yaml"], "--job ID is missing"),

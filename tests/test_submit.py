@@ -3,6 +3,9 @@
 import json
 import os
 import re
+import time
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,10 +16,11 @@ from tools import FakeSlurm, run, write_study
 from shear_sim import slurm
 from shear_sim.division import divide, file_name, write_division
 from shear_sim.plan import PlanError, make_plan
-from shear_sim.results import Results, ResultsError
+from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.slurm import SlurmError, Submission, Task, index_list
+from shear_sim.status import describe_status, read_status
 from shear_sim.study import load_study
-from shear_sim.submit import Limits, held, lay_out, submit
+from shear_sim.submit import Limits, describe, held, lay_out, submit
 
 
 @pytest.fixture
@@ -77,8 +81,8 @@ def test_tasks_are_not_short_where_costs_differ(limits, costs, tasks, shortest):
     times = [sum(jobs[int(job)] for job in share) for share in shares]
     assert len(shares) == tasks
     assert min(times) >= shortest
-    for share, time in zip(shares, times, strict=True):
-        assert time <= 1.25 * max(usable, *(jobs[int(job)] for job in share))
+    for share, takes in zip(shares, times, strict=True):
+        assert takes <= 1.25 * max(usable, *(jobs[int(job)] for job in share))
 
 
 @given(
@@ -90,8 +94,8 @@ def test_every_share_is_long_enough_and_none_too_long(cost, seconds):
     shares = divide(dict(zip(map(str, range(len(cost))), cost, strict=True)), 1000, seconds)
     times = [sum(cost[int(job)] for job in share) for share in shares]
     assert sorted(int(job) for share in shares for job in share) == list(range(len(cost)))
-    for share, time in zip(shares, times, strict=True):
-        assert time <= 1.25 * max(seconds, *(cost[int(job)] for job in share)) + 1e-6
+    for share, takes in zip(shares, times, strict=True):
+        assert takes <= 1.25 * max(seconds, *(cost[int(job)] for job in share)) + 1e-6
     assert len(times) == 1 or min(times) >= 0.249 * seconds
 
 
@@ -155,6 +159,9 @@ def test_every_script_leaves_the_warning_to_the_program(plan, fake):
     assert "#SBATCH --requeue" in script
     assert "#SBATCH --partition=long" in script
     assert "#SBATCH --account='a b'" in script
+    assert "#SBATCH --open-mode=append" in script  # the log of a requeued task is kept
+    submit(plan, Limits(minutes=30), print)
+    assert "#SBATCH --time=30\n" in (fake.folder / "script-4").read_text()
 
 
 def test_a_dry_run_submits_and_writes_nothing(plan, fake):
@@ -367,6 +374,8 @@ def test_the_command_line_submits(tmp_path, environment, fake):
     assert "aggregation 102: after 101, however they end" in output
     assert "#SBATCH --mem=1500M" in (fake.folder / "script-1").read_text()
     fake.answers("squeue", "echo '101|0|RUNNING|None'; echo '101|1|PENDING|Priority'")
+    code, output = run(environment, "status", study, "--watch", "--json")
+    assert (code, "give one of them" in output) == (2, True), output
     code, output = run(environment, "status", study, "--results", tmp_path / "results")
     assert code == 0
     assert "Slurm: array 101: 1 running, 1 waiting (Priority)" in output
@@ -405,6 +414,80 @@ def test_jobs_are_held_by_the_tasks_that_live(tmp_path):
 )
 def test_index_list(indices, text):
     assert index_list(indices) == text
+
+
+def test_the_environment_of_a_user_decides_only_what_submit_does_not(plan, fake, monkeypatch):
+    """Variables for sbatch outrank the lines of a script, and those for squeue hide tasks."""
+    given = ("SBATCH_PARTITION", "SBATCH_TIMELIMIT", "SBATCH_WAIT", "SBATCH_ACCOUNT", "SBATCH_QOS")
+    for name in (*given, "SQUEUE_PARTITION", "SQUEUE_STATES"):
+        monkeypatch.setenv(name, "7")
+    seen = f"env | grep -o '^S[A-Z]*_[A-Z]*' > {fake.folder}/$1.seen"
+    fake.answers("sbatch", f"{seen}; echo 101")
+    fake.answers("squeue", seen)
+    submit(plan, Limits(partition="main"), print)
+    left = (fake.folder / "--parsable.seen").read_text().split()
+    assert {name for name in left if name.startswith("SBATCH")} == {"SBATCH_ACCOUNT", "SBATCH_QOS"}
+    assert "SQUEUE" not in (fake.folder / "--me.seen").read_text()
+    submit(plan, Limits(account="mine"), print)
+    left = (fake.folder / "--parsable.seen").read_text().split()
+    assert "SBATCH_PARTITION" in left
+    assert "SBATCH_ACCOUNT" not in left
+
+
+def test_a_silent_queue_is_said(plan, fake, monkeypatch):
+    slurm.max_array_size()
+    submit(plan, Limits(), print)
+    monkeypatch.setattr(slurm, "ANSWER_SECONDS", 0.3)
+    for answer in ("exec sleep 20", "exit 1", "echo 'slurm_load_jobs: Try again'"):
+        fake.answers("squeue", answer)
+        began = time.monotonic()
+        said = describe_status(read_status(plan.results))
+        assert "Slurm: squeue does not answer: what waits and runs is not known" in said
+        assert time.monotonic() < began + 15
+        with pytest.raises(SlurmError, match="squeue does not answer"):
+            submit(plan, Limits(), print)
+
+
+def test_odd_lines_of_an_answer_are_skipped(plan, fake):
+    submit(plan, Limits(minutes=60, max_tasks=2), print)
+    lines = ("CLUSTER: main", "101|0|RUNNING|None", "squeue: warning | of | some | kind", "")
+    fake.answers("squeue", "; ".join(f"echo '{line}'" for line in lines))
+    assert slurm.queue() == [Task(101, 0, "RUNNING", "None")]
+    assert "-r" in fake.calls("squeue")[0].split()  # or tasks that wait share a line
+    lines = ("sacct: odd", "odd|FAILED", "101_[1-2]|PENDING", "101_0|RUNNING", "101_1|TIMEOUT", "")
+    fake.answers("sacct", "; ".join(f"echo '{line}'" for line in lines))
+    assert slurm.ended([101]) == {101: Counter(TIMEOUT=1)}
+    [array, _] = read_status(plan.results)["tasks"]
+    assert array["tasks"] == {"running": 1, "timeout": 1}
+
+
+def test_what_failed_by_physics_is_tried_again_when_told(plan, fake):
+    plan.results.prepare(plan.study)
+    plan.results.record_failure(Failure(plan.run[0].id, "physics", "the spring broke"))
+    for count, retry in enumerate((False, True)):
+        told = make_plan(plan.study, plan.results, retry_failed=retry)
+        submit(told, Limits(minutes=60, max_tasks=1), print)
+        script = (fake.folder / f"script-{2 * count + 1}").read_text()
+        assert script.endswith(" --retry-failed\n") == retry
+
+
+def test_a_log_goes_to_a_folder_of_any_name(plan, fake, tmp_path):
+    """``%A`` in it would be the number of the array; a backslash makes ``%A`` mean itself."""
+    submit(replace(plan, results=Results(tmp_path / "50%A b/study")), Limits(), print)
+    script = (fake.folder / "script-1").read_text()
+    assert f"#SBATCH --output='{tmp_path}/50%%A b/study/logs/slurm-%A_%a.log'\n" in script
+    for name in ("back\\slash", "two\nlines"):
+        with pytest.raises(PlanError, match="Slurm writes no logs to a folder with a backslash"):
+            submit(replace(plan, results=Results(tmp_path / name / "study")), Limits(), print)
+    assert len(fake.calls("sbatch")) == 2
+
+
+def test_a_task_within_its_limit_is_not_called_longer(plan):
+    plan.wall_s._sum = {key: value / 300 for key, value in plan.wall_s._sum.items()}
+    layout = lay_out(plan, Limits(minutes=5), set())
+    assert layout.seconds == pytest.approx(12)
+    assert "longer" not in describe(layout, 1)
+    assert "longer than the limit" in describe(replace(layout, seconds=190.0), 1)
 
 
 @pytest.mark.usefixtures("fake")

@@ -7,9 +7,11 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 from tools import (
+    FakeSlurm,
     assert_same,
     assert_same_but_for_the_wait,
     processes,
@@ -27,6 +29,7 @@ from shear_sim.screen import Screen
 from shear_sim.single import differences
 from shear_sim.study import load_study
 from shear_sim.tables import TableError, read_table
+from shear_sim.workers import Ending, Outcome
 
 
 def make(study_file, root, **options):
@@ -279,6 +282,39 @@ def test_a_stopped_job_goes_on_from_its_checkpoint(number, undisturbed, tmp_path
     for path in results.jobs.iterdir():
         assert read_table(path).summary["run"]["resumed"] == 1
     assert list(results.checkpoints.iterdir()) == []
+
+
+def test_neither_a_crash_nor_a_job_begun_anew_is_progress(tmp_path):
+    """A task without progress is requeued three times at most."""
+    study = write_study(tmp_path, "[exit, none]", replicates=1)
+    crashed = make_plan(load_study(study), Results(tmp_path / "study"))
+    exits = {job.id for job in crashed.run if job.point.model.fault == "exit"}
+    report = sweep.run_plan(
+        replace(crashed, run=[j for j in crashed.run if j.id in exits]), Screen()
+    )
+    assert (len(report.failed), report.progress) == (3, False)
+    for anew in (True, False):
+        stopped = sweep._Sweep(crashed, Screen())
+        stopped.busy = {1: 0}
+        stopped._end(Outcome(1, 0, Ending(stopped=True, anew=anew), 1.0))
+        assert (stopped.stopped, stopped.advanced) == (1, not anew)
+    assert replace(report, stopped=1, advanced=1).progress
+    assert replace(report, done=1).progress
+    assert not replace(report, stopped=1).progress
+
+
+def test_a_warning_before_the_first_job_has_the_task_requeued(tmp_path, environment):
+    fake = FakeSlurm(tmp_path / "slurm")
+    fake.answers("scontrol", "kill $PPID")  # as Slurm ends a task that it requeues
+    environment |= {"PATH": f"{fake.folder}:/usr/bin:/bin", "SLURM_JOB_ID": "14"}
+    process = start(environment, "sweep", write_study(tmp_path), "--results", tmp_path / "results")
+    assert process.stdout.readline().startswith("reading")
+    process.send_signal(signal.SIGUSR1)
+    output, _ = process.communicate(timeout=60)
+    assert "task 14 asks to be requeued" in output
+    assert process.returncode == 75
+    assert fake.calls("scontrol") == ["requeue 14"]
+    assert Results(tmp_path / "results/study").finished() == set()
 
 
 def test_a_signal_while_compiling_stops_at_once(tmp_path, environment):

@@ -141,6 +141,9 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
+    # Slurm's warning is kept for the supervisor: a task that ended now would not be requeued.
+    received: list[int] = []
+    signal.signal(signal.SIGUSR1, lambda number, _frame: received.append(number))
     planned = _plan(
         study, results, shard, jobs, limit, retry_failed, division=division, measure=dry_run
     )
@@ -149,7 +152,7 @@ def sweep(
         from shear_sim.screen import Screen
         from shear_sim.sweep import describe_report, run_plan
 
-        report = run_plan(planned, Screen())
+        report = run_plan(planned, Screen(), received)
         typer.echo(describe_report(planned, report))
         if report.signal == signal.SIGUSR1 and report.left:
             _requeue(planned, progress=report.progress)
@@ -300,6 +303,9 @@ def status(
 
     of = Results.existing(target) if target.is_dir() else _results(_load(target), results)
     if watch:
+        if as_json:
+            msg = "--watch is for people and --json for scripts: give one of them"
+            raise typer.BadParameter(msg)
         module.watch(of, _show)
         return
     found = module.read_status(of)
@@ -582,7 +588,10 @@ def _shard(text: str) -> tuple[int, int]:
     index, slash, count = text.partition("/")
     if slash and index.isdecimal() and count.isdecimal() and int(index) < int(count):
         return int(index), int(count)
-    msg = f"--shard {text}: should be i/n with i from 0 to n - 1, such as 0/4"
+    msg = (
+        f"--shard {text}: should be i/n with i from 0 to n - 1, such as 0/4; an array of Slurm "
+        "starts from 0 too: --array=0-3, not 1-4"
+    )
     raise typer.BadParameter(msg)
 
 

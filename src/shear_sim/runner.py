@@ -33,7 +33,14 @@ CHECKPOINT_SECONDS = 600.0  # of a long job that a dead node can cost
 
 
 class Stopped(Exception):  # noqa: N818 - obeyed, not a fault
-    """A job has been asked to stop, and is kept as a checkpoint from which it goes on."""
+    """A job has been asked to stop, and is kept as a checkpoint from which it goes on.
+
+    ``anew``: it had one before, which this run could not use.
+    """
+
+    def __init__(self, *, anew: bool) -> None:
+        super().__init__()
+        self.anew = anew
 
 
 def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) -> Path:
@@ -66,6 +73,7 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
     checkpoint = folder.with_name("checkpoints") / f"{job.id}.pickle"
     clock = _Clock()
     model = models.model(job.point.kind)
+    old = checkpoint.exists()
     progress = read_checkpoint(checkpoint) or Progress(model.start(job.point, job.streams))
     simulation, kept = progress.simulation, time.monotonic()
     try:
@@ -75,7 +83,7 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
                 write_checkpoint(checkpoint, clock.added_to(progress))
                 kept = time.monotonic()
             if stopping:
-                raise Stopped
+                raise Stopped(anew=old and not progress.resumed)
     except SimulationError:
         checkpoint.unlink(missing_ok=True)  # from there it would fail again
         raise

@@ -40,10 +40,11 @@ def run_one(
     [job] = found
     results.prepare(study)
     compile_for([job], tell)
-    failure, storage_full, _ = attempt(job, results.jobs)
-    if storage_full is not None:
-        msg = f"{results.folder}: results cannot be written ({storage_full})"
+    ending = attempt(job, results.jobs)
+    if ending.storage_full is not None:
+        msg = f"{results.folder}: results cannot be written ({ending.storage_full})"
         raise ResultsError(msg)
+    failure = ending.failure
     if failure is None:
         results.forget_failure(job.id)
     else:

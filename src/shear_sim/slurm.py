@@ -21,6 +21,12 @@ from shear_sim.tables import write_whole
 ANSWER_SECONDS = 60.0  # a busy controller may take long
 MAX_ARRAY_SIZE = 1001  # Slurm's default, where the cluster's cannot be asked
 MOST_IDLE_RUNS = 3  # of a task in a row without any progress
+# Variables for sbatch outrank the lines of a script. These say what every script of ours says, or
+# have sbatch wait; others, such as SBATCH_QOS, are the user's own defaults.
+OUTRANKING = (
+    *("ARRAY_INX", "TIMELIMIT", "MEM_PER_NODE", "MEM_PER_CPU", "MEM_PER_GPU", "SIGNAL", "OUTPUT"),
+    *("ERROR", "OPEN_MODE", "JOB_NAME", "REQUEUE", "NO_REQUEUE", "WAIT"),
+)
 
 
 class SlurmError(Exception):
@@ -89,16 +95,22 @@ def submissions(results: Results) -> list[Submission]:
 
 
 def queue() -> list[Task] | None:
-    """Return this user's tasks that wait or run; None where Slurm does not answer."""
+    """Return this user's tasks that wait or run; None where Slurm does not answer.
+
+    Lines of another form are no tasks: warnings, or the names of clusters.
+    """
     answer = _ask("squeue", "--me", "-h", "-r", "-o", "%F|%K|%T|%r")
     if answer is None:
         return None
     tasks = []
     for line in answer.splitlines():
-        job, index, state, reason = line.split("|", 3)
-        number = int(index) if index.isdecimal() else None  # N/A
-        tasks.append(Task(int(job), number, state, reason))
-    return tasks
+        job, *rest = line.split("|", 3)
+        if job.isdecimal() and len(rest) == 3:
+            index, state, reason = rest
+            number = int(index) if index.isdecimal() else None  # N/A
+            tasks.append(Task(int(job), number, state, reason))
+    # Nothing but other lines is no empty queue: what waits in it would be submitted again.
+    return tasks if tasks or not answer.strip() else None
 
 
 def ended(jobs: Iterable[int]) -> dict[int, Counter[str]]:
@@ -108,9 +120,9 @@ def ended(jobs: Iterable[int]) -> dict[int, Counter[str]]:
     answer = _ask("sacct", "-n", "-X", "--parsable2", "-o", "JobID,State", "-j", numbers)
     for line in (answer or "").splitlines():
         task, _, state = line.partition("|")
-        word = state.split()[0] if state else ""  # CANCELLED by 1000
-        if word not in {"", "PENDING", "RUNNING", "REQUEUED"}:
-            found.setdefault(int(task.split("_")[0]), Counter())[word] += 1
+        job, word = task.split("_")[0], state.partition(" ")[0]  # CANCELLED by 1000
+        if job.isdecimal() and word not in {"", "PENDING", "RUNNING", "REQUEUED"}:
+            found.setdefault(int(job), Counter())[word] += 1
     return found
 
 
@@ -131,9 +143,12 @@ def submit(script: str) -> int:
     SlurmError
         If Slurm takes no jobs here or refuses this one.
     """
+    said = [name for name in ("PARTITION", "ACCOUNT") if f"#SBATCH --{name.lower()}=" in script]
+    ours = {f"SBATCH_{name}" for name in (*OUTRANKING, *said)}
     try:
         done = subprocess.run(
             ["sbatch", "--parsable"],  # noqa: S607 - the one of the PATH
+            env={name: value for name, value in os.environ.items() if name not in ours},
             input=script,
             capture_output=True,
             text=True,
@@ -189,9 +204,16 @@ def _ask(*command: str) -> str | None:
     """Return what a Slurm command prints; None if it is not there, fails or does not answer."""
     if shutil.which(command[0]) is None:
         return None
+    # A user's filters of the queue would hide tasks.
+    environment = {name: v for name, v in os.environ.items() if not name.startswith("SQUEUE_")}
     try:
         done = subprocess.run(  # noqa: S603 - our own words
-            command, capture_output=True, text=True, check=True, timeout=ANSWER_SECONDS
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=ANSWER_SECONDS,
         )
     except (OSError, subprocess.SubprocessError):
         return None

@@ -23,8 +23,8 @@ def read_status(results: Results) -> dict[str, Any]:
     ``planned`` and ``missing`` are None if the study was never planned in this folder; results
     that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to
     200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last hour, and
-    ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if there are none or it
-    does not answer. ``program`` is the one whose runs were imported, with no times then, or None.
+    ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if it does not
+    answer. ``program`` is the one whose runs were imported, with no times then, or None.
     """
     stamps = results.stamps()
     failures = results.failures(stamps.keys())
@@ -75,10 +75,10 @@ def _rate(changed: list[float], now: float) -> float | None:
 def _tasks(results: Results, *, unfinished: bool) -> list[dict[str, Any]] | None:
     """Return the job numbers of Slurm, the oldest first, with the states of their tasks."""
     submitted = slurm.submissions(results)
-    queue = slurm.queue() if submitted else None
+    queue = slurm.queue() if submitted else []
     if queue is None:
         return None
-    accounts = slurm.ended(each.job for each in submitted) if unfinished else {}
+    accounts = slurm.ended(each.job for each in submitted) if submitted and unfinished else {}
     found = []
     for each in submitted:
         live = [task for task in queue if task.job == each.job]
@@ -111,6 +111,8 @@ def describe_status(status: Mapping[str, Any]) -> str:
             lines.append(f"  missing: about {duration(each * status['missing'])} of CPU")
     if status["checkpoints"]:
         lines.append(f"  {status['checkpoints']} jobs will go on from checkpoints")
+    if status["tasks"] is None:
+        lines.append("  Slurm: squeue does not answer: what waits and runs is not known")
     for each in status["tasks"] or ():
         states = ", ".join(f"{count} {state}" for state, count in each["tasks"].items())
         lines.append(f"  Slurm: {each['kind']} {each['job']}: {states}")

@@ -127,7 +127,7 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
         "signal": f"B:USR1@{layout.warning}",
-        "output": plan.results.logs.absolute() / "slurm-%A_%a.log",
+        "output": _log(plan, "slurm-%A_%a.log"),
     }
     index = f"$((SLURM_ARRAY_TASK_ID + {part.start}))" if part.start else "$SLURM_ARRAY_TASK_ID"
     division = plan.results.submissions.absolute() / file_name(layout.shares)
@@ -144,11 +144,29 @@ def aggregation_script(plan: Plan, limits: Limits, after: list[str]) -> str:
     resources: dict[str, object] = {
         "time": min(AGGREGATION_MINUTES, limits.minutes or AGGREGATION_MINUTES),
         "mem": f"{max(LEAST_MEMORY_MB, limits.memory_mb or 0) + plan.total // 25}M",
-        "output": plan.results.logs.absolute() / "slurm-%j.log",
+        "output": _log(plan, "slurm-%j.log"),
     }
     if after:
         resources["dependency"] = f"afterany:{':'.join(after)}"
     return _script(plan, limits, resources, _command("report", plan.results.folder.absolute()))
+
+
+def _log(plan: Plan, name: str) -> str:
+    """Return what a script says of its log: in a folder's name, % is no pattern.
+
+    Raises
+    ------
+    PlanError
+        If Slurm cannot write into a folder of that name.
+    """
+    folder = str(plan.results.logs.absolute())
+    if "\\" in folder or not folder.isprintable():
+        msg = (
+            f"{folder!r}: Slurm writes no logs to a folder with a backslash or a line break in its "
+            "name: rename the study, or give another folder with --results"
+        )
+        raise PlanError(msg)
+    return f"{folder.replace('%', '%%')}/{name}"
 
 
 def _script(plan: Plan, limits: Limits, resources: dict[str, object], command: str) -> str:

@@ -54,7 +54,8 @@ class Report:
     done: int  # now
     failed: dict[str, Failure]  # now
     waiting: int  # failed by physics before, and left alone
-    stopped: int  # of the jobs left, kept as checkpoints now
+    stopped: int  # of the jobs left, kept as checkpoints now,
+    advanced: int  # and further than before
     left: int  # not run: stopped, limited or storage full
     signal: int | None
     storage_full: str | None
@@ -62,8 +63,8 @@ class Report:
 
     @property
     def progress(self) -> bool:
-        """Whether any job has ended or got further."""
-        return bool(self.done or self.failed or self.stopped)
+        """Whether any job is done or has got further; a crash is tried again at every run."""
+        return bool(self.done or self.advanced)
 
     @property
     def exit_code(self) -> int:
@@ -73,8 +74,10 @@ class Report:
         return FAILED if self.failed or self.waiting or self.storage_full else DONE
 
 
-def run_plan(plan: Plan, screen: Screen) -> Report:
+def run_plan(plan: Plan, screen: Screen, received: list[int] | None = None) -> Report:
     """Run the jobs of a plan on its workers, whatever happens to single ones of them.
+
+    ``received`` are signals that came before, and ask to stop at once.
 
     Raises
     ------
@@ -88,13 +91,17 @@ def run_plan(plan: Plan, screen: Screen) -> Report:
     sweep = _Sweep(plan, screen)
     if plan.run:
         cache_folder()  # an unwritable one is told here and replaced for all workers
-        with _signals() as received, _log(plan.results.logs) as log:
+        with (
+            _signals([] if received is None else received) as received,
+            _log(plan.results.logs) as log,
+        ):
             sweep.run(received, log)
     return Report(
         done=sweep.done,
         failed=sweep.failed,
         waiting=len(plan.waiting),
         stopped=sweep.stopped,
+        advanced=sweep.advanced,
         left=len(plan.run) - sweep.done - len(sweep.failed) + plan.left_out,
         signal=sweep.signal,
         storage_full=sweep.storage_full,
@@ -111,7 +118,7 @@ class _Sweep:
         self.remaining = Counter(plan.points[job.id] for job in plan.run)
         self.wall_s = plan.wall_s if plan.wall_s.measured else Costs()
         self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
-        self.done = self.stopped = 0
+        self.done = self.stopped = self.advanced = 0
         self.failed: dict[str, Failure] = {}
         self.ready = self.started = False
         self.next_look = 0.0
@@ -202,6 +209,8 @@ class _Sweep:
             self.todo.clear()
         elif outcome.ending.stopped:
             self.stopped += 1
+            # On another type of processor each time, a job would begin anew for ever.
+            self.advanced += not outcome.ending.anew
         elif outcome.ending.failure is not None:
             self._fail(outcome.ending.failure)
         else:
@@ -252,9 +261,8 @@ class _Sweep:
 
 
 @contextlib.contextmanager
-def _signals() -> Iterator[list[int]]:
+def _signals(received: list[int]) -> Iterator[list[int]]:
     """Collect the signals that ask to stop, instead of dying of them."""
-    received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received  # a thread of the user's program: signals are that program's affair
         return

@@ -64,7 +64,8 @@ class Ending(NamedTuple):
 
     failure: Failure | None = None
     storage_full: str | None = None
-    stopped: bool = False  # a checkpoint is written
+    stopped: bool = False  # a checkpoint is written,
+    anew: bool = False  # but an older one was of no use
 
 
 class Outcome(NamedTuple):
@@ -314,8 +315,8 @@ def attempt(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
 
     try:
         run_job(job, folder, stop)
-    except Stopped:
-        return Ending(stopped=True)
+    except Stopped as stopped:
+        return Ending(stopped=True, anew=stopped.anew)
     except SimulationError as error:
         return Ending(Failure(job.id, "physics", str(error)))
     except OSError as error:

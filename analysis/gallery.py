@@ -2,7 +2,7 @@
 
 .venv/bin/python analysis/gallery.py
 
-runs one job of each scene with snapshots (results/gallery, 3 minutes of one core) and draws it into
+runs one job of each scene with snapshots (results/gallery, 4 minutes of one core) and draws it into
 analysis/figures. Each can be drawn larger, with its curves, by `shear-sim render`.
 """
 

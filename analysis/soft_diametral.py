@@ -56,7 +56,7 @@ def compress(strain: float, rate: float, rows: int, *, unload: bool = False, **m
             "record": {"rows": rows},
         }
     )
-    run = Diametral(point)
+    run = Diametral(point, point.shear)
     records, place, pressure = [run.record()], [], []
     system, r = run.system, run.radius
     for _ in range(rows):

@@ -33,6 +33,16 @@ POINTS = {
     "hard discs: oscillatory": {"shear": {"kind": "oscillatory", "strain_amplitude": 0.2}},
     "hard discs: self-propelled": {"shear": {"kind": "self_propelled", "duration": 1.0}},
     "hard discs: until jammed": {"shear": {"kind": "compression", "compression": 0.1}},
+    "hard discs: through a jam": {
+        "shear": {
+            "kind": "stages",
+            "stages": [
+                {"compression": 1.0, "length": 0.1},
+                {"compression": -1.0, "length": 0.02},
+                {"shear": -1, "length": 0.1},
+            ],
+        }
+    },
     "hard discs: time steps": {
         "shear": STEADY,
         "integrator": {"scheme": "time_steps", "strain_step": 0.005},

@@ -370,3 +370,39 @@ def test_kernels_can_be_compiled_ahead(swept, tmp_path):
     assert "compiling the kernels" in output
     assert f"compiled code is in {tmp_path / 'cache'}" in output
     assert "compiling" not in run(env, "compile", folder / "study.yaml")[1]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["stat"], ["status"]),
+        (["render", "--fi"], ["--film"]),
+        (["show", "JOB"], ["JOB"]),
+        (["sweep", "stu"], []),  # then bash completes the names of files
+    ],
+)
+def test_the_shell_completes(words, found, swept, tmp_path):
+    """Commands, options and ids of jobs, by the script that --show-completion prints."""
+    folder, env, _ = swept
+    job = min(Results(folder / "results/study").finished())
+    words = [word.replace("JOB", job[:6]) for word in words]
+    command = tmp_path / "shear-sim"
+    command.write_text(
+        f"#!{sys.executable}\nimport kelvin_voigt\nfrom shear_sim.cli import main\nmain()\n"
+    )
+    command.chmod(0o755)
+    typed = " ".join(["shear-sim", *words])
+    script = f"""
+eval "$({command} --show-completion bash)"
+complete -p shear-sim
+COMP_WORDS=({typed}); COMP_CWORD={len(words)}
+_shear_sim_completion {command}
+echo "${{COMPREPLY[@]}}"
+"""
+    shown = subprocess.run(
+        ["bash", "-c", script], cwd=folder, env=env, capture_output=True, text=True
+    )
+    registered, completed = shown.stdout.splitlines()
+    assert registered == "complete -o default -F _shear_sim_completion shear-sim", shown.stderr
+    assert completed.split() == [job if word == "JOB" else word for word in found]

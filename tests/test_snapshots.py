@@ -5,11 +5,13 @@ import hashlib
 import gsd.hoomd
 import numpy as np
 import pytest
+from soft_particles import chain, ring, system
 from tools import differences, read_table
 
 from shear_sim import models, runner
 from shear_sim.accuracy import finish
 from shear_sim.models.interface import CONTACT_KINDS, LINK, SLIDING
+from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.protocol import snapshot_rows
 from shear_sim.results import Results
 from shear_sim.runner import Stopped, run_job
@@ -154,6 +156,27 @@ def test_contacts_of_a_ring_are_the_forces_on_its_vertices(runs):
         push = snapshot.normal[plates].sum() / 2
         assert push == pytest.approx(columns["force"][snapshot.row], rel=1e-12)
     assert any((s.kind == SLIDING).any() for s in run.snapshots)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_contacts_of_two_chains_are_the_forces_on_each(closed):
+    """Sliding by a ring: the sum over each chain, of normal forces and friction (bars cancel)."""
+    other = ring(12, x=2.05) if closed else chain([(1.03, -2), (1.03, 0.1), (1.03, 2)])
+    s = system(ring(12), other, friction=0.3)
+    s.motion.vx[:12], s.motion.vy[:12] = 0.02, 0.05
+    s.advance(round(1 / s.rules.step))
+    snapshot = take(s, 0, (-4.0, -4.0, 8.0, 8.0))
+    touching = snapshot.kind != LINK
+    force = forces(snapshot)
+    total = np.zeros((len(s.motion.x), 2))
+    np.add.at(total, snapshot.i, -force)
+    np.add.at(total, snapshot.j, force)
+    assert touching.sum() > 0
+    assert np.abs(snapshot.tangential[touching]).max() > 0.01 * snapshot.normal[touching].max()
+    for part in (slice(0, 12), slice(12, None)):
+        on_chain = np.array([s.motion.fx[part].sum(), s.motion.fy[part].sum()])
+        assert total[part].sum(axis=0) == pytest.approx(on_chain, rel=1e-9)
+        assert np.hypot(*on_chain) > 0
 
 
 def test_separations_join_images_of_the_particles(runs):

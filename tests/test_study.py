@@ -687,6 +687,7 @@ def test_reading_a_study_is_light():
         ("full", 20_000, 30_000),
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
+        ("soft_particle_compaction", 4, 4),
         ("particleshear", 840, 840),
     ],
 )
@@ -719,6 +720,7 @@ def test_every_config_file_is_tested():
         "full",
         "hard_disc",
         "soft_particle_ring",
+        "soft_particle_compaction",
         "particleshear",
     }
 

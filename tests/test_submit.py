@@ -1,18 +1,22 @@
 """What is submitted and what is asked of Slurm, with stand-ins for its commands."""
 
 import json
+import os
 import re
-from collections import Counter
+from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tools import FakeSlurm, run, write_study
 
 from shear_sim import slurm
+from shear_sim.division import divide, file_name, write_division
 from shear_sim.plan import PlanError, make_plan
-from shear_sim.results import Results
+from shear_sim.results import Results, ResultsError
 from shear_sim.slurm import SlurmError, Submission, Task, index_list
 from shear_sim.study import load_study
-from shear_sim.submit import Limits, alive, lay_out, submit
+from shear_sim.submit import Limits, held, lay_out, submit
 
 
 @pytest.fixture
@@ -33,38 +37,75 @@ def plan(tmp_path):
     return planned
 
 
+def flat(shares):
+    return [job for share in shares for job in share]
+
+
 def loads(plan, layout):
     """Return what each task will take, from the jobs themselves."""
-    found = Counter()
-    for place, job in enumerate(plan.study.jobs()):
-        found[place % layout.shards] += plan.wall_s.mean(plan.points[job.id])
-    return found
+    return [sum(plan.wall_s.mean(plan.points[job]) for job in share) for share in layout.shares]
 
 
 @pytest.mark.parametrize("limits", [Limits(), Limits(minutes=25), Limits(minutes=120, max_tasks=3)])
 def test_tasks_are_as_long_as_they_should_be(plan, limits):
-    layout = lay_out(plan, limits, {})
-    longest = max(loads(plan, layout).values())
+    layout = lay_out(plan, limits, set())
+    longest, shortest = max(loads(plan, layout)), min(loads(plan, layout))
     assert layout.seconds == pytest.approx(longest)
-    assert layout.tasks == tuple(range(layout.shards))
-    assert layout.jobs == 12
+    assert sorted(flat(layout.shares)) == [job.id for job in plan.study.jobs()]
     assert layout.minutes <= (limits.minutes or 1440)
     assert 60 * layout.minutes >= longest + 120  # room to start, and for the warning
-    assert layout.shards <= (limits.max_tasks or 12)
-    assert 3600 / layout.shards >= 300  # no task of seconds
+    assert len(layout.shares) <= (limits.max_tasks or 12)
+    assert shortest >= 600  # no task of seconds
+
+
+@pytest.mark.parametrize(
+    ("limits", "costs", "tasks", "shortest"),
+    [
+        (Limits(minutes=30), {1000.0: 40, 1.0: 360}, 40, 1000),
+        (Limits(), {1000.0: 40, 1.0: 360}, 22, 1090),
+        (Limits(minutes=30), {900.0: 362, 1.0: 100}, 362, 900),
+        (Limits(minutes=30), {1500.0: 40, 1.0: 1}, 40, 1500),
+        (Limits(minutes=6), {10.0: 400}, 22, 180),
+        (Limits(minutes=30), {1000.0: 2, 1.0: 2000}, 4, 1000),
+        (Limits(minutes=30), {36000.0: 1, 10.0: 400}, 5, 1000),
+    ],
+)
+def test_tasks_are_not_short_where_costs_differ(limits, costs, tasks, shortest):
+    usable = {30: 1000.0, 6: 180.0}.get(limits.minutes, 1800.0)
+    jobs = [cost for cost, count in costs.items() for _ in range(count)]
+    shares = divide({f"{k:05}": cost for k, cost in enumerate(jobs)}, 1000, usable)
+    times = [sum(jobs[int(job)] for job in share) for share in shares]
+    assert len(shares) == tasks
+    assert min(times) >= shortest
+    for share, time in zip(shares, times, strict=True):
+        assert time <= 1.25 * max(usable, *(jobs[int(job)] for job in share))
+
+
+@given(
+    cost=st.lists(st.floats(0.01, 3000), min_size=1, max_size=60),
+    seconds=st.floats(60, 1800),
+)
+def test_every_share_is_long_enough_and_none_too_long(cost, seconds):
+    """Unless it is the only one, a share takes at least a quarter of what is aimed at."""
+    shares = divide(dict(zip(map(str, range(len(cost))), cost, strict=True)), 1000, seconds)
+    times = [sum(cost[int(job)] for job in share) for share in shares]
+    assert sorted(int(job) for share in shares for job in share) == list(range(len(cost)))
+    for share, time in zip(shares, times, strict=True):
+        assert time <= 1.25 * max(seconds, *(cost[int(job)] for job in share)) + 1e-6
+    assert len(times) == 1 or min(times) >= 0.249 * seconds
 
 
 def test_one_short_study_is_one_task(plan):
     plan.wall_s._sum = {key: value / 1000 for key, value in plan.wall_s._sum.items()}
-    layout = lay_out(plan, Limits(), {})
-    assert (layout.shards, layout.minutes) == (1, 10)
+    layout = lay_out(plan, Limits(), set())
+    assert (len(layout.shares), layout.minutes) == (1, 10)
 
 
 def test_a_job_longer_than_the_limit_is_submitted_all_the_same(plan, fake, capsys):
     plan.wall_s._sum = {key: value * 1000 for key, value in plan.wall_s._sum.items()}
-    layout = lay_out(plan, Limits(minutes=60), {})
+    layout = lay_out(plan, Limits(minutes=60), set())
     assert layout.minutes == 60
-    assert layout.shards <= 12
+    assert len(layout.shares) <= 12
     submit(plan, Limits(minutes=60), print)
     assert "longer than the limit: tasks will be requeued and go on" in capsys.readouterr().out
 
@@ -74,31 +115,32 @@ def test_without_a_measured_job_the_user_must_say(tmp_path):
     planned = make_plan(study, Results(tmp_path / "results/study"))
     for limits in (Limits(), Limits(minutes=30), Limits(max_tasks=4)):
         with pytest.raises(PlanError, match="run a few first"):
-            lay_out(planned, limits, {})
-    layout = lay_out(planned, Limits(minutes=30, max_tasks=5), {})
-    assert (layout.shards, layout.minutes, layout.seconds) == (5, 30, None)
+            lay_out(planned, limits, set())
+    layout = lay_out(planned, Limits(minutes=30, max_tasks=5), set())
+    assert ([len(share) for share in layout.shares], layout.minutes) == ([3, 3, 2, 2, 2], 30)
+    assert layout.seconds is None
 
 
 def test_arrays_stay_below_the_largest_index_and_cover_every_task(plan, fake):
     lines = []
-    numbers = submit(plan, Limits(minutes=10, max_tasks=11), lines.append)
-    scripts = [(fake.folder / f"script-{n}").read_text() for n in (1, 2, 3, 4)]
+    numbers = submit(plan, Limits(minutes=10), lines.append)
+    scripts = [(fake.folder / f"script-{n}").read_text() for n in (1, 2, 3)]
     covered = []
-    for script in scripts[:3]:
+    for script in scripts[:2]:
         [indices] = re.findall(r"--array=(\S+)", script)
         first, _, last = indices.partition("-")
         assert int(last or first) < 4
         [(offset, count)] = re.findall(
             r'--shard "\$(?:\(\()?SLURM_ARRAY_TASK_ID(?: \+ (\d+)\)\))?/(\d+)"', script
         )
-        assert count == "11"
+        assert count == "8"
         covered += [int(offset or 0) + i for i in range(int(first), int(last or first) + 1)]
-    assert sorted(covered) == list(range(11))
-    assert numbers == [101, 102, 103, 104]
-    assert "#SBATCH --dependency=afterany:101:102:103" in scripts[3]
+    assert sorted(covered) == list(range(8))
+    assert numbers == [101, 102, 103]
+    assert "#SBATCH --dependency=afterany:101:102" in scripts[2]
     records = slurm.submissions(plan.results)
     assert [(each.job, each.kind) for each in records] == [
-        (101, "array"), (102, "array"), (103, "array"), (104, "aggregation"),
+        (101, "array"), (102, "array"), (103, "aggregation"),
     ]  # fmt: skip
     assert all(str(number) in " ".join(lines) for number in numbers)
 
@@ -125,30 +167,86 @@ def test_a_dry_run_submits_and_writes_nothing(plan, fake):
     assert "afterany" in text
 
 
-def test_only_what_is_missing_and_not_queued_is_submitted_again(plan, fake, tmp_path):
+def again(plan, file=None):
+    """Return the plan made anew, with the same costs."""
+    study = plan.study if file is None else load_study(file)
+    planned = make_plan(study, plan.results, measure=False)
+    for job in planned.run:
+        planned.wall_s.add(planned.points[job.id], 100.0)
+    return planned
+
+
+def jobs_of(fake, number):
+    """Return the jobs of each task of a script, as the sweeps that it starts will plan them."""
+    script = (fake.folder / f"script-{number}").read_text()
+    [(study, root, division, count)] = re.findall(
+        r"sweep (\S+) --results (\S+) --division (\S+) --shard .*/(\d+)\"", script
+    )
+    study = load_study(study)
+    return [
+        [
+            job.id
+            for job in make_plan(
+                study,
+                Results(Path(root) / "study"),
+                shard=(k, int(count)),
+                division=Path(division),
+                measure=False,
+            ).run
+        ]
+        for k in range(int(count))
+    ]
+
+
+def test_only_what_is_missing_and_not_queued_is_submitted_again(plan, fake):
     limits = Limits(minutes=25, max_tasks=4)
     submit(plan, limits, print)
-    [array] = [each for each in slurm.submissions(plan.results) if each.kind == "array"]
-    assert array.tasks == (0, 1, 2, 3)
-    lines = ("101|1|RUNNING|None", "101|3|PENDING|Resources", "102|N/A|PENDING|Dependency")
-    fake.answers("squeue", "; ".join(f"echo '{line}'" for line in lines))
-    jobs = plan.study.jobs()
-    for job in jobs[0::4]:  # task 0 has done all of its jobs, task 2 was lost
-        plan.results.job_file(job.id).write_bytes(b"")
-    left = [job for job in plan.run if job not in jobs[0::4]]
-    again = make_plan(plan.study, plan.results, measure=False)
-    object.__setattr__(again, "wall_s", plan.wall_s)
-    assert len(again.run) == len(left)
+    tasks = jobs_of(fake, 1)
+    assert sorted(flat(tasks)) == [job.id for job in plan.run]
+    alive = ("101|1|RUNNING|None", "101|3|PENDING|Resources", "102|N/A|PENDING|Dependency")
+    fake.answers("squeue", "; ".join(f"echo '{line}'" for line in alive))
+    for job in tasks[0]:  # all are done; task 2 was lost
+        plan.results.job_file(job).write_bytes(b"")
     lines = []
-    assert submit(again, limits, lines.append) == [103, 104]
-    script = (fake.folder / "script-3").read_text()
-    assert "#SBATCH --array=2\n" in script
-    assert '--shard "$SLURM_ARRAY_TASK_ID/4"' in script
+    assert submit(again(plan), limits, lines.append) == [103, 104]
+    assert sorted(flat(jobs_of(fake, 3))) == sorted(tasks[2])
     assert "afterany:101:103" in (fake.folder / "script-4").read_text()
-    assert "2 of 4 tasks wait or run already" in lines[0]
-    fake.answers("squeue", 'for i in 1 2 3; do echo "101|$i|RUNNING|None"; done')
-    assert submit(again, limits, lines.append) == []
+    assert f"keep their {len(tasks[1] + tasks[3])} jobs" in lines[0]
+    alive = (*alive[:2], "103|0|PENDING|Priority", "104|N/A|PENDING|Dependency")
+    fake.answers("squeue", "; ".join(f"echo '{line}'" for line in alive))
+    assert submit(again(plan), limits, lines.append) == []
     assert lines[-1] == "nothing to submit"
+
+
+def test_new_jobs_of_an_edited_study_are_no_affair_of_running_tasks(plan, fake, tmp_path):
+    """Tasks keep the jobs they were submitted with, at every run, as far as the study has them."""
+    limits = Limits(minutes=60, max_tasks=2)
+    submit(plan, limits, print)
+    old = jobs_of(fake, 1)
+    queue = ("101|0|RUNNING|None", "101|1|PENDING|Priority", "102|N/A|PENDING|Dependency")
+    fake.answers("squeue", "; ".join(f"echo '{line}'" for line in queue))
+    more = again(plan, write_study(tmp_path, replicates=6))
+    assert submit(more, limits, print) == [103, 104]
+    assert jobs_of(fake, 1) == old
+    assert sorted(flat(jobs_of(fake, 3) + old)) == [job.id for job in more.study.jobs()]
+    assert len(flat(jobs_of(fake, 3))) == 6
+    fewer = again(plan, write_study(tmp_path, replicates=1))
+    assert submit(fewer, limits, print) == []
+    kept = {job.id for job in fewer.study.jobs()}
+    assert jobs_of(fake, 1) == [[job for job in task if job in kept] for task in old]
+
+
+def test_a_division_that_does_not_fit_is_refused(plan, fake, tmp_path):
+    submit(plan, Limits(minutes=60, max_tasks=2), print)
+    [path] = plan.results.submissions.glob("*.txt")
+    with pytest.raises(PlanError, match="2 shares, one a line, but --shard is 0/3"):
+        make_plan(plan.study, plan.results, shard=(0, 3), division=path)
+    path.unlink()
+    with pytest.raises(PlanError, match=f"{path}: cannot be read"):
+        make_plan(plan.study, plan.results, shard=(0, 2), division=path)
+    fake.answers("squeue", "echo '101|0|RUNNING|None'")
+    with pytest.raises(SlurmError, match=f"{path}: cannot be read"):
+        submit(plan, Limits(minutes=60, max_tasks=2), print)
 
 
 def test_an_unknown_queue_is_no_empty_queue(plan, fake):
@@ -169,6 +267,75 @@ def test_a_refusal_says_what_is_queued_already(plan, fake):
         submit(plan, Limits(minutes=10, max_tasks=11), print)
     [kept] = slurm.submissions(plan.results)
     assert (kept.job, kept.tasks) == (7, (0, 1, 2, 3))
+
+
+def test_without_a_place_for_its_number_nothing_is_submitted(plan, fake):
+    plan.results.prepare(plan.study)
+    plan.results.submissions.write_text("a file")
+    with pytest.raises(ResultsError, match=r"submissions: cannot be written .*nothing is"):
+        submit(plan, Limits(), print)
+    assert fake.calls("sbatch") == []
+
+
+def test_a_number_that_cannot_be_kept_is_said(plan, fake, monkeypatch):
+    """The disk is full as of now."""
+
+    def full(path, _):
+        raise OSError(28, "No space left on device", path)
+
+    monkeypatch.setattr(slurm, "write_whole", full)
+    with pytest.raises(SlurmError, match=r"not recorded .*No space.*`scancel 101`.*queued: 101;"):
+        submit(plan, Limits(), print)
+
+
+def test_a_missing_aggregation_is_made_up_for(plan, fake):
+    """It was refused; then it was cancelled; then results have come after the report."""
+    refused = f"[ $(wc -l < {fake.folder}/sbatch.calls) = 1 ] && echo 101 || exit 1"
+    fake.answers("sbatch", refused)
+    limits = Limits(minutes=120, max_tasks=1)
+    with pytest.raises(SlurmError, match="queued: 101"):
+        submit(plan, limits, print)
+    fake.answers("sbatch", f"echo $((100 + $(wc -l < {fake.folder}/sbatch.calls)))")
+    running = "echo '101|0|RUNNING|None'"
+    fake.answers("squeue", running)
+    lines = []
+    assert submit(plan, limits, lines.append, dry_run=True) == []
+    assert "afterany:101\n" in lines[-1]
+    assert submit(plan, limits, print) == [103]
+    assert "--dependency=afterany:101\n" in (fake.folder / "script-3").read_text()
+    fake.answers("squeue", f"{running}; echo '103|N/A|PENDING|Dependency'")
+    assert submit(plan, limits, print) == []
+    for job in plan.run:
+        plan.results.job_file(job.id).write_bytes(b"")
+    done = make_plan(plan.study, plan.results, measure=False)
+    fake.answers("squeue", "")
+    assert submit(done, limits, print) == [104]
+    assert "dependency" not in (fake.folder / "script-4").read_text()
+    fake.answers("squeue", "echo '104|N/A|RUNNING|None'")
+    assert submit(done, limits, print) == []
+    fake.answers("squeue", "")
+    report = plan.results.report_file
+    report.write_text("of all results")
+    assert submit(done, limits, print) == []
+    os.utime(report, (1, 1))
+    assert submit(done, limits, print) == [105]
+
+
+def test_an_aggregation_that_waits_for_older_arrays_alone_does_not_count(plan, fake):
+    plan.results.prepare(plan.study)
+    shares = [[job.id] for job in plan.run]
+    plan.results.submissions.mkdir()
+    write_division(plan.results.submissions, shares)
+    for kept in (
+        Submission(5, "array", "", file_name(shares), tasks=(0,)),
+        Submission(6, "aggregation", ""),
+        Submission(7, "array", "", file_name(shares), tasks=tuple(range(1, 12)), offset=1),
+    ):
+        slurm.record(plan.results, kept)
+    queue = 'for i in 0 1 2 3 4 5 6 7 8 9 10; do echo "7|$i|RUNNING|None"; done'
+    fake.answers("squeue", f"echo '5|0|RUNNING|None'; echo '6|N/A|PENDING|Dependency'; {queue}")
+    assert submit(plan, Limits(), print) == [101]
+    assert "afterany:5:7\n" in (fake.folder / "script-1").read_text()
 
 
 @pytest.mark.parametrize("answer", ["", "echo 'not a number'", "exit 1"])
@@ -214,10 +381,14 @@ def test_the_command_line_submits(tmp_path, environment, fake):
     assert shown["failed"] == []
 
 
-def test_alive_knows_shards_by_their_arrays():
+def test_jobs_are_held_by_the_tasks_that_live(tmp_path):
+    results = Results(tmp_path)
+    results.submissions.mkdir()
+    shares = [[f"{k}a", f"{k}b"] for k in range(9)]
+    write_division(results.submissions, shares)
     submitted = [
-        Submission(5, "array", "", shards=9, tasks=(0, 1, 2), offset=0),
-        Submission(6, "array", "", shards=9, tasks=(4, 5), offset=4),
+        Submission(5, "array", "", file_name(shares), tasks=(0, 1, 2), offset=0),
+        Submission(6, "array", "", file_name(shares), tasks=(4, 5), offset=4),
         Submission(7, "aggregation", ""),
     ]
     queue = [
@@ -226,7 +397,7 @@ def test_alive_knows_shards_by_their_arrays():
         Task(7, None, "PENDING", ""),
         Task(99, 0, "RUNNING", ""),
     ]
-    assert alive(submitted, queue) == {9: {2, 5}}
+    assert held(results, submitted, queue) == {"2a", "2b", "5a", "5b"}
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,10 @@
 
 .venv/bin/python analysis/benchmarks/speed.py [PART ...] [--rounds 5] [--largest N] [--out FOLDER]
 
-Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), growth (1,000 to 100,000
-discs), job (a default job, split), sweep (what a sweep costs beside its simulations), start
-(`--help`, import, first compilation).
+Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), lists (what a new list of
+contacts costs), growth (1,000 to 100,000 discs), job (a default job, split), sweep (what a sweep
+costs beside its simulations), plan (the study at the published scale: planned after a sample of its
+jobs has run), start (`--help`, import, first compilation).
 
 Times are CPU time of one process. Both programs take the same steps from the same start, turn by
 turn, and record their stress at every step; a figure is the median over rounds, a ratio the median
@@ -14,6 +15,7 @@ results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and s
 
 import argparse
 import gc
+import json
 import os
 import platform
 import resource
@@ -30,8 +32,11 @@ import pandas as pd
 import scenes
 
 from shear_sim.models.microgel import COLUMNS
+from shear_sim.models.microgel.motion import renew_contacts
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.preparation import prepare
+from shear_sim.models.microgel.simulation import MicrogelSimulation
+from shear_sim.neighbours import find_pairs
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
 from shear_sim.study import Job
@@ -110,6 +115,46 @@ def step(rounds: int, _: Path) -> Iterator[Row]:
             historical = HISTORICAL_MS * 1e-3
             times = f"{historical / median['ours']:,.0f} times ours; not measured here"
             yield "  historical program, 60 to 82 ms", us(historical), times
+
+
+def renew(simulation: MicrogelSimulation, times: int) -> None:
+    """Make the list of contacts anew, where everything stands."""
+    s, strain = simulation, float(simulation.work.strain0[0])
+    for _ in range(times):
+        s.contacts = renew_contacts(s.discs, s.work, s.links, s.contacts, s.constants, strain)
+
+
+def find(simulation: MicrogelSimulation, times: int) -> None:
+    """Find the pairs of such a list."""
+    d, w, c = simulation.discs, simulation.work, simulation.constants
+    offset = float(w.strain0[0]) * c.height - int(w.turns[0]) * c.width
+    for _ in range(times):
+        find_pairs(d.x, d.y, d.radius, c.skin, c.width, c.height, offset)
+
+
+def renewals(simulation: MicrogelSimulation) -> int:
+    """Return how many new lists of contacts a simulation makes from here to its end."""
+    made, strain = 0, simulation.work.strain0[0]
+    while simulation.done < simulation.rows:
+        simulation.advance(1)
+        # Two lists in a step of the rest would count as one; at rest there are none.
+        made += simulation.work.strain0[0] != strain
+        strain = simulation.work.strain0[0]
+    return made
+
+
+def lists(rounds: int, _: Path) -> Iterator[Row]:
+    """Time a new list of contacts, and count those that a default job makes."""
+    for discs in (150, 16384):
+        simulation = scenes.common(discs, FRACTIONS[0])
+        simulation.advance(20)
+        times = max(3, 150_000 // discs)
+        whole = min(timed(lambda s=simulation, n=times: renew(s, n)) for _ in range(2 * rounds))
+        found = min(timed(lambda s=simulation, n=times: find(s, n)) for _ in range(2 * rounds))
+        remark = f"{us(found / times)} of it to find the pairs; fastest of {2 * rounds}"
+        yield f"new list of contacts, N = {discs:,}", us(whole / times), remark
+    made = [renewals(prepare(MicrogelPoint(), Streams(1, r))) for r in range(5 * rounds)]
+    yield "  lists that a default job makes", f"{np.median(made):.0f}", f"{len(made)} replicates"
 
 
 def growth(rounds: int, out: Path) -> Iterator[Row]:
@@ -220,6 +265,42 @@ def sweep(rounds: int, _: Path) -> Iterator[Row]:
     yield "  the same when all is done", f"{np.median(nothing):.2f} s", ""
 
 
+PUBLISHED = Path(__file__).parents[2] / "configs" / "full.yaml"
+
+
+def plan(rounds: int, _: Path) -> Iterator[Row]:
+    """Plan the study at the published scale, after a sample of its jobs has run."""
+    program = [sys.executable, "-m", "shear_sim"]
+    sample = 100 * rounds
+    with tempfile.TemporaryDirectory() as results:
+        where = [str(PUBLISHED), "--results", results]
+
+        def run(*options: str) -> tuple[str, float]:
+            began = cpu()
+            done = subprocess.run(
+                [*program, *options], check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
+            return done.stdout.decode(), cpu() - began
+
+        run("compile", str(PUBLISHED))
+        _, swept = run("sweep", *where, "--limit", str(sample))
+        run("plan", *where)  # reads the results, once
+        answer, planned = run("plan", *where, "--json")
+        inside = sum(
+            read_table(path).summary["run"]["cpu_s"] for path in Path(results).rglob("jobs/*")
+        )
+    facts = json.loads(answer)
+    estimate = facts["estimate"]
+    yield (
+        f"{PUBLISHED.name}, {facts['jobs']:,} jobs, as planned",
+        f"{estimate['cpu_s'] / 60:.0f} min",
+        f"{estimate['measured_jobs']} jobs measured; {estimate['disk_bytes'] / 1e9:.2f} GB",
+    )
+    yield "  to plan it", f"{planned:.1f} s", ""
+    beside = f"{sample} jobs run; CPU of all processes less that of the jobs"
+    yield "  a sweep of it, beside the jobs", f"{swept - inside:.1f} s", beside
+
+
 def start(rounds: int, _: Path) -> Iterator[Row]:
     """Start of the program, and the first compilation ever."""
 
@@ -255,7 +336,10 @@ def peak_memory() -> float:
     return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
-PARTS = {"step": step, "growth": growth, "job": job, "sweep": sweep, "start": start}
+PARTS = {
+    "step": step, "lists": lists, "growth": growth, "job": job, "sweep": sweep, "plan": plan,
+    "start": start,
+}  # fmt: skip
 
 
 def main(arguments: Sequence[str]) -> None:

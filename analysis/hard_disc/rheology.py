@@ -5,7 +5,8 @@
 
 writes analysis/hard_disc/rheology.md and analysis/figures/hard_disc_rheology.png. Means and 95 %
 intervals over replicates are those of `shear-sim aggregate`; points without a finished run are left
-out, and the table says how many runs there are of how many. Where an independent prototype of the
+out, and the table says how many runs there are of how many; of a point that two studies have, the
+one with more runs counts. Where an independent prototype of the
 same method measured the same (64 discs, six packings, strain 1.5), the last column gives the
 difference in standard errors of both.
 """
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import NullLocator
 
 from shear_sim.aggregate import make_tables
 from shear_sim.figures import style
@@ -72,6 +74,26 @@ def line(row: pd.Series) -> str:
     return "| " + " | ".join([*cells, difference]) + " |"
 
 
+def both_ways(table: pd.DataFrame) -> list[str]:
+    """Return φ at the pressures that runs at fixed area reach, by those and at fixed pressure."""
+    lines = []
+    for discs, part in table.groupby("discs"):
+        area = part[part["shear.scaled_pressure"].isna()].sort_values("scaled_pressure_mean")
+        if len(area) < 2:
+            continue
+        known = np.log(area["scaled_pressure_mean"].to_numpy(float))
+        phi = area["packing.packing_fraction"].to_numpy(float)
+        for _, row in part[part["shear.scaled_pressure"].notna()].iterrows():
+            at = float(np.log(row["shear.scaled_pressure"]))
+            if known[0] <= at <= known[-1]:
+                lines.append(
+                    f"N = {discs}, p = {row['shear.scaled_pressure']:g}: φ = "
+                    f"{np.interp(at, known, phi):.4f} between runs at fixed φ, "
+                    f"{text(row, 'mean_packing_fraction')} at fixed p."
+                )
+    return lines
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path, nargs="+", help="results folders of the studies")
@@ -79,13 +101,19 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of figures")
     given = parser.parse_args()
     table = pd.concat([points(folder) for folder in given.results], ignore_index=True)
-    table = table.sort_values(["discs", "shear.scaled_pressure"], na_position="first")
+    states = ["discs", "shear.scaled_pressure", "packing.packing_fraction"]
+    table = table.reindex(columns=[*table.columns.union(states)])
+    table = table.sort_values("replicates").drop_duplicates(states, keep="last")
+    table = table.sort_values(states, na_position="first")
     titles = ["N", "fixed", "runs", *QUANTITIES.values(), "off prototype"]
     rows = ["| " + " | ".join(titles) + " |", "|" + " --- |" * len(titles)]
     rows += [line(row) for _, row in table.iterrows()]
-    command = f"`analysis/hard_disc/rheology.py {' '.join(f.name for f in given.results)}`"
+    command = (
+        f"`analysis/hard_disc/rheology.py {' '.join(dict.fromkeys(f.name for f in given.results))}`"
+    )
     about = f"Flow laws of hard discs, by {command}; 95 % intervals over packings.\n\n"
-    given.table.write_text(about + "\n".join(rows) + "\n")
+    alike = "".join(f"\n{line}\n" for line in both_ways(table))
+    given.table.write_text(about + "\n".join(rows) + "\n" + alike)
     panels = (
         ("friction_coefficient", r"stress ratio $\mu$"),
         ("mean_packing_fraction", r"packing fraction $\phi$"),
@@ -112,7 +140,7 @@ def main() -> None:
                 axis.set(xscale="log", xlabel=r"$J = \dot\gamma/(\xi_0 p)$", ylabel=words)
         axes[0].set_yscale("log")
         axes[0].set_yticks([0.1, 0.2, 0.3, 0.4], ["0.1", "0.2", "0.3", "0.4"])
-        axes[0].minorticks_off()
+        axes[0].yaxis.set_minor_locator(NullLocator())
         axes[2].axhline(4.0, color="0.4", linewidth=0.7, linestyle="--")
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)

@@ -53,6 +53,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RESULTS = Path("results")
 
 
+def _known_jobs(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the finished jobs whose id begins so, for a shell that completes words."""
+    found = Path(context.params.get("results") or RESULTS).glob(f"*/jobs/{incomplete}*.parquet")
+    return sorted(path.stem for path in found)
+
+
+JobName = Annotated[
+    str,
+    typer.Argument(
+        metavar="JOB", help="Result file, or begin of a job id.", autocompletion=_known_jobs
+    ),
+]
+
+
 class Tensor(StrEnum):
     """Stress tensors whose moduli can be tabulated."""
 
@@ -114,6 +128,10 @@ def sweep(
     jobs: Jobs = None,
     limit: Limit = None,
     retry_failed: RetryFailed = False,
+    division: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Jobs of the n shards, a line each, as submit writes."),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the plan.")] = False,
 ) -> None:
     """Run all jobs of a study that have no result yet, on all cores.
@@ -123,7 +141,9 @@ def sweep(
 
     Example: shear-sim sweep configs/main.yaml
     """
-    planned = _plan(study, results, shard, jobs, limit, retry_failed, measure=dry_run)
+    planned = _plan(
+        study, results, shard, jobs, limit, retry_failed, division=division, measure=dry_run
+    )
     typer.echo(planned)
     if not dry_run:
         from shear_sim.screen import Screen
@@ -288,7 +308,7 @@ def status(
 
 @app.command()
 def show(
-    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    job: JobName,
     results: Root = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -309,7 +329,7 @@ def show(
 
 @app.command()
 def render(
-    job: Annotated[str, typer.Argument(metavar="JOB", help="Result file, or begin of a job id.")],
+    job: JobName,
     results: Root = RESULTS,
     snapshot: Annotated[
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
@@ -535,6 +555,7 @@ def _plan(
     limit: int | None,
     retry_failed: bool,
     *,
+    division: Path | None = None,
     quiet: bool = False,
     measure: bool = True,
 ) -> "Plan":
@@ -548,6 +569,7 @@ def _plan(
         loaded,
         _results(loaded, results),
         shard=part,
+        division=division,
         jobs=jobs,
         limit=limit,
         retry_failed=retry_failed,

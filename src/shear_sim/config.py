@@ -243,7 +243,7 @@ def _wrong(entry: Any, info: FieldInfo | None) -> str:
     message = _MUST_BE[entry["type"]].format(**context)
     mistakes = [item for item in info.metadata if isinstance(item, UnitMistake)] if info else []
     limit = context.get("le", context.get("lt"))
-    if mistakes and limit is not None:
+    if mistakes and limit is not None and entry["input"] > mistakes[0].above:
         meant = round12(entry["input"] * mistakes[0].factor)
         again = f": {meant:g}?" if meant <= limit else ""
         return f"{message} ({mistakes[0].right}{again})"

@@ -3,8 +3,10 @@
 import os
 from collections import Counter, defaultdict
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shear_sim.division import read_division
 from shear_sim.results import Failure, Results
 from shear_sim.screen import duration, size
 
@@ -165,6 +167,7 @@ def make_plan(
     results: Results,
     *,
     shard: tuple[int, int] = (0, 1),
+    division: Path | None = None,
     limit: int | None = None,
     retry_failed: bool = False,
     jobs: int | None = None,
@@ -177,6 +180,9 @@ def make_plan(
     shard : (i, n)
         Every n-th job of the whole study sorted by id, from the i-th (from 0). Finished jobs are
         skipped after that, so shards never overlap, whenever each is planned.
+    division : Path, optional
+        File that says which jobs the i-th of n shards has instead, see `shear_sim.division`; jobs
+        in it that the study does not ask for (any more) are left out.
     limit : int, optional
         Run at most so many jobs.
     retry_failed : bool
@@ -190,7 +196,8 @@ def make_plan(
     Raises
     ------
     PlanError
-        If ``jobs`` is no number above 0, or Slurm's variable holds none.
+        If ``jobs`` is no number above 0, or Slurm's variable holds none; if ``division`` cannot be
+        read or is of another number of shards.
     ResultsError
         If the results are imported ones, or of a newer version of the program.
     """
@@ -199,7 +206,8 @@ def make_plan(
         raise PlanError(msg)
     results.refuse_others()
     points = {job.id: point for point, of in study.groups().items() for job in of}
-    part = study.jobs()[shard[0] :: shard[1]]
+    part = study.jobs()
+    part = part[shard[0] :: shard[1]] if division is None else _share(part, shard, division)
     finished, failures = results.finished(), results.failures()
     missing = [job for job in part if job.id not in finished]
     waiting = {
@@ -228,6 +236,20 @@ def make_plan(
         job_bytes=job_bytes,
         memory_mb=memory_mb,
     )
+
+
+def _share(jobs: "list[Job]", shard: tuple[int, int], path: Path) -> "list[Job]":
+    """Return the jobs that a division gives to this shard."""
+    try:
+        shares = read_division(path)
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"{path}: cannot be read ({error}): submit the study again"
+        raise PlanError(msg) from error
+    if len(shares) != shard[1]:
+        msg = f"{path}: {len(shares)} shares, one a line, but --shard is {shard[0]}/{shard[1]}"
+        raise PlanError(msg)
+    known = {job.id: job for job in jobs}
+    return [known[job] for job in shares[shard[0]] if job in known]
 
 
 def _measured(

@@ -69,7 +69,7 @@ def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
     """
     results = Results.existing(Path(folder))
     tables = aggregate(results.folder, tensor=tensor)
-    path = results.folder / "report.html"
+    path = results.report_file
     try:
         write_whole(path, page(results, tables).encode())
     except OSError as error:
@@ -225,7 +225,7 @@ def _methods(tables: "Mapping[str, pd.DataFrame]") -> Iterator[str]:
             "<p>Shear stress and viscosity in steady shear are means over the late half of the "
             "strain.</p>"
         )
-    if {"compression", "self_propelled", "diametral_compression"} & tables.keys():
+    if {"compression", "self_propelled", "diametral_compression", "compaction"} & tables.keys():
         yield (
             "<p>Quantities in compression and of discs that propel themselves are means over "
             "replicates of what the model measures in each run.</p>"

@@ -8,7 +8,7 @@
       jobs/<job id>.parquet one per finished job: series and summary
       snapshots/<job id>.gsd, .contacts.parquet   particles and contacts, where they are recorded
       failed/<job id>.json  one per failed job: why
-      submissions/          one file per job number of Slurm
+      submissions/          one file per job number of Slurm, and which jobs its tasks have
       checkpoints/          jobs that were stopped, or take long: they go on from there
       damaged/              results that `shear-sim verify --remove` found and set aside
       index.parquet         summaries of all finished jobs; a cache, rebuilt at any time
@@ -91,6 +91,7 @@ class Results:
         self.study_file = folder / "study.yaml"
         self.plan_file = folder / "plan.parquet"
         self.index_file = folder / "index.parquet"
+        self.report_file = folder / "report.html"
 
     @classmethod
     def existing(cls, folder: Path) -> "Results":

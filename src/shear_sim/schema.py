@@ -38,9 +38,10 @@ class UnitMistake:
 
     factor: float  # value as written times factor = value meant
     right: str
+    above: float = 0.0  # smaller values are no such mistake
 
 
-PERCENT = UnitMistake(0.01, "a fraction, not percent")
+PERCENT = UnitMistake(0.01, "a fraction, not percent", above=1.0)
 MICROMETRES = UnitMistake(1e-6, "in metres, not micrometres")
 
 

@@ -44,16 +44,29 @@ class Submission:
     job: int
     kind: Literal["array", "aggregation"]
     submitted: str
-    shards: int = 0  # into which the study was divided,
+    division: str = ""  # file beside the record: the shares into which jobs were divided,
     tasks: tuple[int, ...] = ()  # those that this array runs,
-    offset: int = 0  # and the shard of its index 0
+    offset: int = 0  # and the share of its index 0
 
 
 def record(results: Results, submission: Submission) -> None:
-    """Keep a job number, in ``submissions/<number>.json``."""
-    results.submissions.mkdir(exist_ok=True)
-    text = json.dumps(asdict(submission))
-    write_whole(results.submissions / f"{submission.job}.json", f"{text}\n".encode())
+    """Keep a job number, in ``submissions/<number>.json``.
+
+    Raises
+    ------
+    SlurmError
+        If it cannot be written.
+    """
+    path = results.submissions / f"{submission.job}.json"
+    try:
+        results.submissions.mkdir(exist_ok=True)
+        write_whole(path, f"{json.dumps(asdict(submission))}\n".encode())
+    except OSError as error:
+        msg = (
+            f"{path}: not recorded ({error}): make room and `scancel {submission.job}`, or the "
+            "same jobs are submitted again"
+        )
+        raise SlurmError(msg) from error
 
 
 def submissions(results: Results) -> list[Submission]:

@@ -9,7 +9,9 @@ from math import ceil
 from pathlib import Path
 
 from shear_sim import slurm
+from shear_sim.division import deal, divide, file_name, read_division, write_division
 from shear_sim.plan import Plan, PlanError
+from shear_sim.results import Results, ResultsError
 from shear_sim.screen import duration
 from shear_sim.slurm import SlurmError, Submission, Task, index_list
 
@@ -35,39 +37,55 @@ class Limits:
 
 @dataclass(frozen=True)
 class Layout:
-    """A study divided into shards, and those that array tasks shall run."""
+    """The jobs that no task has yet, in shares: one for each task of the arrays to be."""
 
-    shards: int
-    tasks: tuple[int, ...]  # shards with something to do that no other task does
-    jobs: int  # in them
+    shares: list[list[str]]
     seconds: float | None  # expected of the longest task; None: nothing is measured
     minutes: int  # time limit of a task
     memory_mb: int
 
-    def arrays(self, size: int) -> list[tuple[int, list[int]]]:
-        """Return (offset, indices) of arrays whose indices stay below ``size``."""
-        parts: dict[int, list[int]] = {}
-        for task in self.tasks:
-            parts.setdefault(task // size * size, []).append(task % size)
-        return list(parts.items())
+    def arrays(self, size: int) -> list[range]:
+        """Return the shares of each array, so many that indices stay below ``size``."""
+        count = len(self.shares)
+        return [range(start, min(start + size, count)) for start in range(0, count, size)]
+
+    @property
+    def warning(self) -> int:
+        """How long before the time limit a task is told [s]; Slurm was 60 s early to 13 s late."""
+        return min(120, 40 * self.minutes)
 
 
-def alive(submissions: list[Submission], queue: list[Task]) -> dict[int, set[int]]:
-    """Return the shards whose tasks wait or run, by the number of shards they are of."""
-    found: dict[int, set[int]] = {}
-    arrays = {each.job: each for each in submissions if each.kind == "array"}
-    for task in queue:
-        if task.index is not None and (array := arrays.get(task.job)):
-            found.setdefault(array.shards, set()).add(task.index + array.offset)
+def held(results: Results, submitted: list[Submission], queue: list[Task]) -> set[str]:
+    """Return the ids of the jobs of the tasks that wait or run.
+
+    Raises
+    ------
+    SlurmError
+        If the file that says so cannot be read.
+    """
+    arrays = {each.job: each for each in submitted if each.kind == "array"}
+    live = [task for task in queue if task.index is not None and task.job in arrays]
+    divisions: dict[str, list[list[str]]] = {}
+    found: set[str] = set()
+    for name in {arrays[task.job].division for task in live}:
+        path = results.submissions / name
+        try:
+            divisions[name] = read_division(path)
+        except (OSError, UnicodeDecodeError) as error:
+            msg = f"{path}: cannot be read ({error}): wait until the tasks that it is of have ended"
+            raise SlurmError(msg) from error
+    for task in live:
+        array = arrays[task.job]
+        share = array.offset + (task.index or 0)
+        found.update(*divisions[array.division][share : share + 1])
     return found
 
 
-def lay_out(plan: Plan, limits: Limits, busy: dict[int, set[int]]) -> Layout:
+def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
     """Decide into how many tasks the missing jobs of a study go, and what a task may take.
 
-    Shards that wait or run (``busy``, see `alive`) keep their jobs. As long as there are any, the
-    study stays divided as it is; else it is divided anew, by the measured cost of what is missing,
-    so that a task takes about half an hour and none longer than the limit.
+    By the measured cost of the jobs, a task takes about half an hour, or less where the limit asks
+    for it. Jobs that other tasks have (``taken``, see `held`) are left to them.
 
     Raises
     ------
@@ -75,81 +93,61 @@ def lay_out(plan: Plan, limits: Limits, busy: dict[int, set[int]]) -> Layout:
         If nothing is measured and the user does not say what to take.
     """
     longest = limits.minutes or LONGEST_MINUTES
-    most_tasks = limits.max_tasks or MOST_TASKS
-    usable = max((60 * longest - START_SECONDS) / SAFETY, 60.0)
-    wanted = {job.id for job in plan.run}
-    cost = {}  # of the jobs to submit, by their place in the study
-    for place, job in enumerate(plan.study.jobs()):
-        if job.id in wanted and not any(place % n in tasks for n, tasks in busy.items()):
-            cost[place] = plan.wall_s.mean(plan.points[job.id])
-    if None in cost.values():
+    most = limits.max_tasks or MOST_TASKS
+    cost = {
+        job.id: plan.wall_s.mean(plan.points[job.id]) for job in plan.run if job.id not in taken
+    }
+    known = {job: each for job, each in cost.items() if each is not None}
+    if len(known) < len(cost):
         if limits.minutes is None or limits.max_tasks is None:
             msg = (
                 f"{plan.study.path}: no job is measured yet: run a few first (shear-sim sweep "
                 f"{plan.study.path} --limit 3), or give both --time and --max-tasks"
             )
             raise PlanError(msg)
-        shards, seconds = max(busy, default=min(most_tasks, len(cost))), None
+        shares, seconds = deal(dict.fromkeys(cost, 1.0), min(most, len(cost))), None
     else:
-        known = {place: each for place, each in cost.items() if each is not None}
-        shards = max(busy, default=0) or _divide(known, most_tasks, min(TASK_SECONDS, usable))
-        seconds = max(_loads(known, shards), default=0.0)
+        # Half of a short limit: a task of seconds would be worse than a rare requeue.
+        usable = max((60 * longest - START_SECONDS) / SAFETY, 30.0 * longest, 60.0)
+        shares = divide(known, most, min(TASK_SECONDS, usable))
+        seconds = max((sum(known[job] for job in share) for share in shares), default=0.0)
         longest = min(longest, 5 * ceil((SAFETY * seconds + START_SECONDS) / 300))
     return Layout(
-        shards=shards,
-        tasks=tuple(sorted({place % shards for place in cost})),
-        jobs=len(cost),
+        shares=shares,
         seconds=seconds,
         minutes=longest,
         memory_mb=limits.memory_mb or max(LEAST_MEMORY_MB, round(3 * (plan.memory_mb or 0))),
     )
 
 
-def _divide(cost: dict[int, float], most: int, seconds: float) -> int:
-    """Return how many shards keep the longest below ``seconds``, as far as ``most`` allows."""
-    most = min(most, len(cost)) or 1
-    shards = min(most, ceil(sum(cost.values()) / seconds) or 1)
-    while shards < most and max(_loads(cost, shards)) > seconds:
-        shards = min(most, ceil(1.1 * shards))
-        if max(cost.values()) > seconds:  # one job alone takes longer: it will go on
-            break
-    return shards
-
-
-def _loads(cost: dict[int, float], shards: int) -> list[float]:
-    """Return the cost of every shard."""
-    loads = [0.0] * shards
-    for place, each in cost.items():
-        loads[place % shards] += each
-    return loads
-
-
-def array_script(
-    plan: Plan, layout: Layout, limits: Limits, offset: int, indices: list[int]
-) -> str:
+def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str:
     """Return the batch script of one array: resources, and one line as in slurm/sweep.sbatch."""
     resources = {
-        "array": index_list(indices),
+        "array": index_list(range(len(part))),
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
-        # The warning before the time limit: Slurm may be a minute early, and was 13 s late.
-        "signal": f"B:USR1@{min(120, 40 * layout.minutes)}",
+        "signal": f"B:USR1@{layout.warning}",
         "output": plan.results.logs.absolute() / "slurm-%A_%a.log",
     }
-    index = f"$((SLURM_ARRAY_TASK_ID + {offset}))" if offset else "$SLURM_ARRAY_TASK_ID"
-    command = _command("sweep", plan.study.path.absolute(), "--results", _root(plan))
+    index = f"$((SLURM_ARRAY_TASK_ID + {part.start}))" if part.start else "$SLURM_ARRAY_TASK_ID"
+    division = plan.results.submissions.absolute() / file_name(layout.shares)
+    command = _command(
+        "sweep", plan.study.path.absolute(), "--results", _root(plan), "--division", division
+    )
     more = " --retry-failed" if any(f.kind == "physics" for f in plan.again.values()) else ""
-    return _script(plan, limits, resources, f'{command} --shard "{index}/{layout.shards}"{more}')
+    shard = f'--shard "{index}/{len(layout.shares)}"'
+    return _script(plan, limits, resources, f"{command} {shard}{more}")
 
 
 def aggregation_script(plan: Plan, limits: Limits, after: list[str]) -> str:
     """Return the batch script of the aggregation, which runs after arrays, however they end."""
-    resources = {
-        "dependency": f"afterany:{':'.join(after)}",
+    resources: dict[str, object] = {
         "time": min(AGGREGATION_MINUTES, limits.minutes or AGGREGATION_MINUTES),
         "mem": f"{max(LEAST_MEMORY_MB, limits.memory_mb or 0) + plan.total // 25}M",
         "output": plan.results.logs.absolute() / "slurm-%j.log",
     }
+    if after:
+        resources["dependency"] = f"afterany:{':'.join(after)}"
     return _script(plan, limits, resources, _command("report", plan.results.folder.absolute()))
 
 
@@ -199,56 +197,90 @@ def submit(
     """
     before = slurm.submissions(plan.results)
     queue = slurm.queue()
-    if queue is None and before and not dry_run:
+    if queue is None and before:
         msg = "squeue does not answer, so what is queued already is not known: try again later"
         raise SlurmError(msg)
-    busy = alive(before, queue or [])
-    layout = lay_out(plan, limits, busy)
-    for count, live in busy.items():
-        say(f"  {len(live)} of {count} tasks wait or run already, and keep their jobs")
-    if not layout.tasks:
+    taken = held(plan.results, before, queue or [])
+    layout = lay_out(plan, limits, taken)
+    if taken:
+        say(f"  tasks that wait or run already keep their {len(taken)} jobs")
+    arrays = layout.arrays(slurm.max_array_size()) if layout.shares else []
+    if arrays:
+        say(describe(layout, len(arrays)))
+    queued = [each for each in before if each.job in {task.job for task in queue or []}]
+    after = [each.job for each in queued if each.kind == "array"]
+    last = max((each.job for each in queued if each.kind == "aggregation"), default=0)
+    covered = last > max(after, default=0)  # submitted after all of them, it waits for all
+    if not arrays and (covered or not (after or _report_is_old(plan))):
         say("nothing to submit")
         return []
-    arrays = layout.arrays(slurm.max_array_size())
-    say(describe(layout, len(arrays)))
     if dry_run:
-        for offset, indices in arrays:
-            say(f"\n{array_script(plan, layout, limits, offset, indices)}")
-        say(f"\n{aggregation_script(plan, limits, [f'<array {k}>' for k in range(len(arrays))])}")
+        for part in arrays:
+            say(f"\n{array_script(plan, layout, limits, part)}")
+        names = [*map(str, after), *(f"<array {k}>" for k in range(len(arrays)))]
+        say(f"\n{aggregation_script(plan, limits, names)}")
         return []
     plan.results.prepare(plan.study)
+    if arrays:
+        _keep_division(plan.results, layout)
     numbers: list[int] = []
     try:
-        for offset, indices in arrays:
-            number = slurm.submit(array_script(plan, layout, limits, offset, indices))
+        for part in arrays:
+            number = slurm.submit(array_script(plan, layout, limits, part))
             numbers.append(number)
-            tasks = tuple(index + offset for index in indices)
-            now = datetime.now(UTC).isoformat(timespec="seconds")
+            division = file_name(layout.shares)
             slurm.record(
-                plan.results, Submission(number, "array", now, layout.shards, tasks, offset)
+                plan.results,
+                Submission(number, "array", _now(), division, tuple(part), part.start),
             )
-            say(f"array {number}: tasks {index_list(tasks)} of {layout.shards}")
-        queued = {task.job for task in queue or []}
-        older = [each.job for each in before if each.kind == "array" and each.job in queued]
-        after = [str(job) for job in (*older, *numbers)]
-        number = slurm.submit(aggregation_script(plan, limits, after))
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        slurm.record(plan.results, Submission(number, "aggregation", now))
+            say(f"array {number}: tasks {index_list(part)} of {len(layout.shares)}")
+        names = [str(job) for job in (*after, *numbers)]
+        number = slurm.submit(aggregation_script(plan, limits, names))
+        slurm.record(plan.results, Submission(number, "aggregation", _now()))
     except SlurmError as error:
         so_far = f"queued: {', '.join(map(str, numbers))}" if numbers else "nothing is queued"
         msg = f"{error}; {so_far}; the same command again submits what is missing"
         raise SlurmError(msg) from error
-    say(f"aggregation {number}: after {', '.join(after)}, however they end")
+    how = f"after {', '.join(names)}, however they end" if names else "at once"
+    say(f"aggregation {number}: {how}")
     return [*numbers, number]
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _keep_division(results: Results, layout: Layout) -> None:
+    """Write which jobs the tasks will have, where their numbers will be kept as well.
+
+    Raises
+    ------
+    ResultsError
+        If that cannot be: then nothing may be submitted, or it would be submitted twice.
+    """
+    try:
+        results.submissions.mkdir(exist_ok=True)
+        write_division(results.submissions, layout.shares)
+    except OSError as error:
+        msg = f"{results.submissions}: cannot be written ({error}); nothing is submitted"
+        raise ResultsError(msg) from error
+
+
+def _report_is_old(plan: Plan) -> bool:
+    """Tell whether there are results that the report does not know."""
+    changed = max((when for _, when in plan.results.stamps().values()), default=0)
+    report = plan.results.report_file
+    return changed > (report.stat().st_mtime_ns if report.exists() else 0)
 
 
 def describe(layout: Layout, arrays: int) -> str:
     """Return in one line what will be submitted."""
     expected = "not measured" if layout.seconds is None else f"at most {duration(layout.seconds)}"
     line = (
-        f"  {len(layout.tasks)} task(s) in {arrays} array(s) for {layout.jobs} jobs: {expected}, "
+        f"  {len(layout.shares)} task(s) in {arrays} array(s) for "
+        f"{sum(map(len, layout.shares))} jobs: {expected}, "
         f"limit {duration(60 * layout.minutes)}, {layout.memory_mb} MB each"
     )
-    if layout.seconds is not None and layout.seconds > 60 * layout.minutes - START_SECONDS:
+    if layout.seconds is not None and layout.seconds > 60 * layout.minutes - layout.warning:
         line += "; longer than the limit: tasks will be requeued and go on"
     return line

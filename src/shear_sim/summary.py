@@ -23,7 +23,10 @@ _SHOWN = {
     "steady": {"shear_stress": "τ", "viscosity": "η"},
     "compression": {"final_packing_fraction": "φ"},
     "self_propelled": {"nonaffine_speed": "speed", "contact_number": "z"},
+    "body_force": {"mean_velocity_x": "u_x", "mean_velocity_y": "u_y"},
+    "stages": {"final_packing_fraction": "φ"},
     "diametral_compression": {"final_scaled_force": "F R²/EI", "final_area_ratio": "V/V₀"},
+    "compaction": {"final_stress_per_bending": "σ R²/k_b", "final_void_ratio": "e"},
 }
 #: Of features and contrasts: (landmark, quantity) and heading.
 _LANDMARKS = {

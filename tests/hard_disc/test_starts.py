@@ -202,13 +202,18 @@ def test_bad_start_files_say_what_is_wrong(change, message, tmp_path):
         study(tmp_path, state | change)
 
 
-def test_an_overlapping_start_file_is_refused(tmp_path):
-    state = finished(
-        point(shear={"kind": "steady", "strain": 0.01}, record={"rows": 20, "state": True})
-    ).summary()["state"]
-    job = study(tmp_path, state | {"radius": [1.01 * a for a in state["radius"]]})
-    with pytest.raises(SimulationError, match=r"discs \d+ and \d+ overlap by"):
-        hard_disc.start(job.point, job.streams)
+@pytest.mark.parametrize("upward", [0.0, 1.0, -7.3])
+def test_an_overlapping_start_file_is_refused(tmp_path, upward):
+    """Wherever the two are: across the edges of the sheared cell, too."""
+    apart, y = 0.8, 5.9
+    state = {
+        "width": 6.0, "height": 6.0, "offset": 2.5, "radius": [0.5] * 3, "y": [y, y + apart - 6, 3],
+        "x": [1.0, 1.0 - 2.5, 3.0],
+    }  # fmt: skip
+    state["y"] = [one + upward for one in state["y"]]
+    with pytest.raises(StudyError, match=r"discs \d and \d overlap by 0.2 mean diameters: move"):
+        study(tmp_path, state)
+    study(tmp_path, state | {"radius": [0.4] * 3})
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,33 @@ def test_a_vertex_that_went_through_stops_the_run():
         s.advance(1000)
 
 
+def test_a_vertex_that_went_through_an_open_chain_stops_the_run():
+    """Open chains push to either side, so the guard has to see it before the mid-line."""
+    s, v = probe([(-1.0, 0.0), (1.0, 0.0)], (0.1, 0.3), closed=False, stiffness=1e-3, step=0.02)
+    s.motion.vy[v] = -1.0
+    s.begin()
+    with pytest.raises(SimulationError, match="a vertex went through a segment"):
+        s.advance(1000)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda x, y: (x, -y), "has -1 of its area"),  # turned inside out
+        (lambda x, y: (0.1 * x, y), "a segment has 0.1"),
+        (lambda x, y: (x[[0, 7, 2, 3, 4, 5, 6, 7]], y[[0, 7, 2, 3, 4, 5, 6, 7]]), "is folded by"),
+    ],
+)
+def test_a_particle_that_is_none_stops_the_run(change, message):
+    s = system(ring(8), ring(8, x=5.0))
+    part = slice(8, 16)
+    x, y = change(s.motion.x[part] - 5.0, s.motion.y[part].copy())
+    s.motion.x[part], s.motion.y[part] = x + 5.0, y
+    s._list()
+    with pytest.raises(SimulationError, match=rf"stopped at t = .* s .*: particle 1.* {message}"):
+        s._guard(0)
+
+
 def test_a_ring_touches_itself():
     """Two walls of a flat ring repel each other; neighbours along the chain do not."""
     n = 40

@@ -188,6 +188,7 @@ def make_tables(
     }
     for name, one in tables.items():
         if name in OF_TENSOR:
+            tables[name] = one = one.copy()  # one block: pandas complains of columns one by one
             one["tensor"] = tensor
             one.attrs["units"]["tensor"] = ""
             one.attrs["descriptions"]["tensor"] = "stress tensor that the moduli are of"

@@ -16,6 +16,7 @@ table                      one row per                          joins by
 ``body_force``             point of the plan, under a force     ``point``
 ``stages``                 point of the plan, driven in stages  ``point``
 ``diametral_compression``  point of the plan, between plates    ``point``
+``compaction``             point of the plan, under a lid       ``point``
 ``contact_laws``           compression of a pair, law
 =========================  ===================================  =============================
 
@@ -24,7 +25,7 @@ strain amplitude alone. Varied parameters are columns of ``runs``, ``curves``, `
 ``contrasts`` under their dotted keys of the study file; no other column has a dot. ``scene`` is
 sorted as in the study file. What a model measures by itself (`MEASURED` of
 `shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the tables from
-``steady`` to ``diametral_compression``.
+``steady`` to ``compaction``.
 
 In ``curves`` everything is of the *mean response*: the harmonics of the runs are averaged over
 replicates first, and ratios such as tan δ and I3/I1 are formed after (see `response`). The mean of
@@ -43,6 +44,7 @@ POINT_TABLES = {
     "body_force": "body_force",
     "stages": "stages",
     "diametral_compression": "diametral_compression",
+    "compaction": "compaction",
 }
 
 #: All tables that `shear_sim.aggregate` may write.

@@ -33,6 +33,7 @@ _PUSH, _PUSH_ON_SCALE, _PULL = "#8c1016", "#20242a", "#0a5fa8"
 _DIMMED = 0.62  # of white in what lies outside of the cell
 _CORNERS = 36  # of a disc; half as many where it is small
 _SMALL_DISC = 7.0  # points: smaller ones have no edges, and contacts are drawn as forces
+_INTO_SHELL = 0.12  # of the picture: the longest line of a force on a shell
 _MARGIN = 0.7  # around the cell, in largest diameters
 _ALIKE = 1.2  # ratio of radii under which discs count as equal
 _FULL = 98.0  # percentile that takes the end of a colour scale
@@ -201,7 +202,8 @@ class Scene:
             shown += [line(_SLIDES, "contact that slides")] * slides
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self._values else _PUSH
-            shown += [line(push, "push, as wide as strong")]
+            way = "long" if self._shell else "wide"
+            shown += [line(push, f"push, as {way} as strong")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
         if not shown:
             return None
@@ -262,16 +264,13 @@ class Scene:
 
         for collection in (self._links, self._interfaces, self._forces):
             collection.set_segments([])
-        if self._shell:
-            bars = s.kind == LINK
-            self._segments(self._links, s, place, moves, bars, to_rgba_array(_LINK))
+        if self._shell or self.contacts == "state":
+            links = s.kind == LINK
+            self._segments(self._links, s, place, moves, links, to_rgba_array(_LINK))
         if self.contacts == "none":
             return
         if self.contacts == "state":
             colours = to_rgba_array([_INTERFACE, _HOLDS, _SLIDES])
-            if not self._shell:
-                links = s.kind == LINK
-                self._segments(self._links, s, place, moves, links, to_rgba_array(_LINK))
             faces = interfaces(s)
             there = np.ptp(faces, axis=1).any(axis=1)
             segments = place[s.i[there], None] + faces[there]
@@ -286,7 +285,14 @@ class Scene:
         push = _PUSH_ON_SCALE if self._values else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
-        segments = np.stack([from_i, from_i + s.separation], axis=1)
+        to_j = from_i + s.separation
+        if self._shell:  # thin: what presses on it reaches into it
+            away = s.separation / np.hypot(*s.separation.T)[:, None]
+            from_i = (
+                to_j
+                - away * (_INTO_SHELL * s.height * strong / strong.max(initial=1e-300))[:, None]
+            )
+        segments = np.stack([from_i, to_j], axis=1)
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 
     def _segments(

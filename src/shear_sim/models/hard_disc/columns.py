@@ -48,7 +48,7 @@ MEASURED = (
             ("events_per_disc_path", "events per disc and unit strain (τ) after the transient"),
             ("mean_velocity_x", "mean of u_x over discs after the transient"),
             ("mean_velocity_y", "mean of u_y over discs after the transient"),
-            ("final_packing_fraction", "φ at the end of a compression"),
+            ("final_packing_fraction", "φ at the end of a compression or of stages"),
             ("rattler_fraction", "discs that bear no force, of a jammed packing"),
         )
     ),

@@ -26,6 +26,7 @@ MOST_START_STEPS = 20_000  # of one attempt at a start without overlap
 DILUTE = 0.3  # packing fraction at which bodies are put at random places
 MOST_PLACES = 2000  # tried for one body
 ROOM = 1e-3  # least gap between bodies there
+OVERLAP = 1e-12  # of a start from a file, at most [mean diameter]
 
 
 @dataclass
@@ -202,7 +203,7 @@ def read_start(packing: HardDiscPacking) -> Start:
     Raises
     ------
     ValueError
-        If the file cannot be read, has changed, or holds no state; overlaps are found later.
+        If the file cannot be read, has changed, or holds no state, or its discs overlap.
     """
     path = packing.file
     if path is None:
@@ -240,4 +241,42 @@ def read_start(packing: HardDiscPacking) -> Start:
     if len(bonds) and not 0 <= bonds.min() <= bonds.max() < len(x):
         msg = f"bonds name discs beyond the {len(x)} that there are"
         raise ValueError(msg)
-    return Start(x, y, radius, mobility, width, height, offset, bonds)
+    start = Start(x, y, radius, mobility, width, height, offset, bonds)
+    overlap, i, j = largest_overlap(start)
+    if overlap > OVERLAP:
+        msg = (
+            f"discs {i} and {j} overlap by {overlap:.3g} mean diameters: move them apart, or make "
+            "them smaller"
+        )
+        raise ValueError(msg)
+    return start
+
+
+def largest_overlap(start: Start) -> tuple[float, int, int]:
+    """Return the largest overlap [mean diameters], and of which discs; those that move count.
+
+    By the nearest of all images of all discs: no neighbour list, which Numba would compile first.
+    """
+    from scipy.spatial import KDTree
+
+    n, reach = len(start.x), 2.0 * float(start.radius.max())
+    offset = start.offset - start.width * round(start.offset / start.width)
+    up = np.floor(start.y / start.height)
+    y = start.y - up * start.height
+    x = (start.x - up * offset) % start.width
+    shift = np.array(
+        [(a * start.width + b * offset, b * start.height) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+    )
+    place = np.column_stack([x, y])
+    images = (place + shift[:, None]).reshape(-1, 2)
+    near = KDTree(place).query_ball_tree(KDTree(images), reach)
+    i = np.repeat(np.arange(n), [len(one) for one in near])
+    image = np.fromiter((one for row in near for one in row), np.int64)
+    j = image % n
+    apart = np.hypot(*(images[image] - place[i]).T)
+    overlap = start.radius[i] + start.radius[j] - apart
+    itself = image == i + 4 * n  # the middle one of nine shifts is none
+    counts = ~itself & ((start.mobility[i] > 0) | (start.mobility[j] > 0))
+    overlap = np.where(counts, overlap, -np.inf) / (2.0 * float(start.radius.mean()))
+    worst = int(overlap.argmax())
+    return float(overlap[worst]), int(i[worst]), int(j[worst])

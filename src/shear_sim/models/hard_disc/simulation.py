@@ -303,14 +303,12 @@ class HardDiscSimulation:
     def _measured(self) -> dict[str, float] | None:
         """Return means after the transient; None if the run did not come to its end."""
         shear = self.point.shear
-        if isinstance(shear, HardDiscCompression):
+        if isinstance(shear, HardDiscCompression | HardDiscStages):
             found = {"final_packing_fraction": self.flow.packing_fraction}
             if self.certificate:
                 found["rattler_fraction"] = len(self.certificate["rattlers"]) / self.mobile
             return found
-        if self.done < len(self.path) or isinstance(
-            shear, HardDiscOscillatoryShear | HardDiscStages
-        ):
+        if self.done < len(self.path) or isinstance(shear, HardDiscOscillatoryShear):
             return None
         columns = self.columns()
         late = self.path >= shear.transient * self.path[-1]

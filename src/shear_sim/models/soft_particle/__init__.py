@@ -66,11 +66,11 @@ __all__ = [
 ]
 
 
-def start(point: SoftParticlePoint, streams: Streams) -> Simulation:  # noqa: ARG001 - no chance yet
-    """Prepare a simulation: a ring that touches two plates."""
+def start(point: SoftParticlePoint, streams: Streams) -> Simulation:
+    """Prepare a simulation: a ring that touches two plates, or a box of rings."""
     from shear_sim.models.soft_particle.simulation import SoftParticleSimulation  # loads Numba
 
-    return SoftParticleSimulation(point)
+    return SoftParticleSimulation(point, streams)
 
 
 def compile_for(points: Sequence[SoftParticlePoint]) -> None:

@@ -30,6 +30,7 @@ class Shell:
     bend_yield: float = math.inf  # [N]
     stretch_damping: float = 0.0  # fraction of critical, of one segment
     bend_damping: float = 0.0  # of one hinge
+    inner_damping: float = 0.0  # force per velocity of a vertex against the particle [N s/m²]
 
     @classmethod
     def of_material(cls, young_modulus: float, thickness: float, poisson: float = 0.0) -> Self:
@@ -176,6 +177,7 @@ def assemble(bodies: Sequence[Body]) -> tuple[Chains, Motion]:
         name: np.zeros(len(bodies))
         for name in (
             "radius", "stretch_yield", "bend_yield", "stretch_damping", "bend_damping",
+            "inner_damping",
             "core_stiffness", "core_pressure", "core_area",
         )
     }  # fmt: skip
@@ -215,6 +217,7 @@ def assemble(bodies: Sequence[Body]) -> tuple[Chains, Motion]:
         per_chain["bend_damping"][p] = (
             2.0 * shell.bend_damping * math.sqrt(body.mass * mean**2 / 3.0 * shell.bend / mean)
         )
+        per_chain["inner_damping"][p] = shell.inner_damping
         per_chain["core_stiffness"][p] = body.core.stiffness
         per_chain["core_pressure"][p] = body.core.pressure
         if body.closed:

@@ -12,7 +12,10 @@ COLUMNS = (
     Column("compression", "1", "ε = 1 − b/b₀, b: distance of the mid-lines at the two plates"),
     Column("force", "N/m", "normal force on a plate, mean of both"),
     Column("mean_force", "N/m", "work of the plates since the record before / their way"),
-    Column("stress_yy", "Pa", "force / b₀, compression positive"),
+    Column("strain", "1", "ε = ln(H₀/H), H the height of the box"),
+    Column("stress_yy", "Pa", "force / b₀, of a box its lid's / width; compression positive"),
+    Column("stress_xx", "Pa", "of a box: mean force of its sides / height"),
+    Column("stress_floor", "Pa", "of a box: force of its floor / width"),
     Column("scaled_force", "1", "F R²/(E I)"),
     Column("stress_yy_per_modulus", "1", "stress_yy / E"),
     Column("stress_yy_per_bending", "1", "stress_yy / (k_b/R²)"),
@@ -21,6 +24,9 @@ COLUMNS = (
     Column("width_ratio", "1", "a/b₀, width of the mid-line"),
     Column("contact_ratio", "1", "L_c/b₀, from the first to the last vertex that touches a plate"),
     Column("load_ratio", "1", "2⟨|x|⟩/b₀ of the load: how far the two loads of a ring are apart"),
+    Column("box_area", "m^2", "of a box: width times height"),
+    Column("solid_area", "m^2", "of all particles: Σ A + P r + π r², A, P: of the mid-line"),
+    Column("circularity", "1", "mean of 4π A/P²"),
     Column("energy_stretch", "J/m", "stored in bars"),
     Column("energy_bend", "J/m", "stored in hinges"),
     Column("energy_core", "J/m", "stored in the core"),
@@ -33,7 +39,11 @@ COLUMNS = (
     Column("lost_by_drag", "J/m", "by drag of the vertices"),
     Column("energy_missing", "J/m", "work less everything that it went into"),
 )
-DERIVED = (Column("stretch_share", "1", "energy of bars / energy of hinges"),)
+DERIVED = (
+    Column("stretch_share", "1", "energy of bars / energy of hinges"),
+    Column("void_ratio", "1", "e = box_area / solid_area − 1"),
+    Column("solid_share", "1", "ΔV_s/ΔV: change of solid_area / that of box_area, since the start"),
+)
 MEASURED = tuple(
     (Column(name, unit, text), f"measured.{name}")
     for name, unit, text in (
@@ -47,6 +57,17 @@ MEASURED = tuple(
         ("recovered_work", "1", "work given back in unloading / work of loading"),
         ("energy_missing_ratio", "1", "largest |energy_missing| / work of loading"),
         ("drag_ratio", "1", "lost by drag / work of loading: slow enough where it is small"),
+        ("start_void_ratio", "1", "e at the start of a compaction"),
+        ("final_strain", "1", "ln(H₀/H) where the lid turned"),
+        ("final_stress_per_bending", "1", "σ R²/k_b there; σ/σ* is twice that"),
+        ("final_void_ratio", "1", "e there"),
+        ("final_solid_share", "1", "ΔV_s/ΔV there"),
+        ("final_circularity", "1", "mean of 4π A/P² there"),
+        ("void_ratio_at_unit", "1", "e of loading at σ = σ* = k_b/2R²"),
+        ("solid_share_at_unit", "1", "ΔV_s/ΔV of loading at σ = σ*"),
+        ("compressibility_index", "1", "C = −de/dlog₁₀σ of loading, by a line through σ/σ* > 0.03"),
+        ("unloaded_void_ratio", "1", "e when the lid is free again"),
+        ("inertia_ratio", "1", "largest kinetic energy / stored energy, where σ/σ* > 0.03"),
     )
 )
 
@@ -57,4 +78,9 @@ def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
     if "energy_stretch" in columns and "energy_bend" in columns:
         bend = columns["energy_bend"]
         out["stretch_share"] = columns["energy_stretch"] / np.where(bend > 0.0, bend, np.nan)
+    if "box_area" in columns and "solid_area" in columns:
+        box, solid = columns["box_area"], columns["solid_area"]
+        out["void_ratio"] = box / solid - 1.0
+        change = box[0] - box
+        out["solid_share"] = (solid[0] - solid) / np.where(change > 0.0, change, np.nan)
     return out

@@ -135,7 +135,7 @@ def contact_forces(
     x, y, px, py = motion.x, motion.y, motion.px, motion.py
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     after, before = chains.after, chains.before
-    closest = work.closest[0]
+    closest, nearest = work.closest[0], work.closest[1]
     frictional = rules.friction > 0.0
     touching = find_touching(
         x, y, work.scratch[0], work.scratch[1], lists.vertex, lists.segment, lists.kind,
@@ -159,7 +159,10 @@ def contact_forces(
                 w, a, b = 0.0, j, j
             if overlap <= 0.0 or coefficient == 0.0:
                 continue
-            closest = min(closest, 1.0 - overlap / reach)
+            if kind == ONE_SIDED:
+                closest = min(closest, 1.0 - overlap / reach)
+            else:
+                nearest = min(nearest, 1.0 - overlap / reach)
             force = coefficient * rules.stiffness * overlap
             u = 1.0 - w
             fx[v] += force * nx
@@ -185,7 +188,7 @@ def contact_forces(
                 lists.found[count, 1], lists.found[count, 2] = nx, ny
                 lists.found[count, 3] = w
                 count += 1
-    work.closest[0] = closest
+    work.closest[0], work.closest[1] = closest, nearest
     if not frictional:
         return RUNNING
     return friction_forces(
@@ -208,7 +211,7 @@ def wall_forces(
     for w in range(walls.nx.shape[0]):
         nx, ny, at = walls.nx[w], walls.ny[w], walls.position[w]
         tx, ty = -ny, nx
-        push = drive = 0.0
+        push = drive = lost_push = 0.0
         for p in range(chains.start.shape[0] - 1):
             r = chains.radius[p]
             for v in range(chains.start[p], chains.start[p + 1]):
@@ -229,7 +232,7 @@ def wall_forces(
                     loss = -force * min(1.0, rules.dashpot * speed)
                     motion.dx[v] += loss * nx
                     motion.dy[v] += loss * ny
-                    push += loss
+                    lost_push += loss
                 if frictional:
                     before = springs.wall[w, v]
                     slip = motion.vx[v] * tx + motion.vy[v] * ty - walls.slide[w]
@@ -244,7 +247,8 @@ def wall_forces(
                     motion.fx[v] += tangent * tx
                     motion.fy[v] += tangent * ty
                     drive += tangent
-        walls.push[w] = push
+        walls.push[w] = push + lost_push
+        walls.loss[w] = lost_push
         walls.drive[w] = drive
 
 

@@ -1,77 +1,27 @@
 """A ring between two plates: how it is set up, how the plates move, and what is measured."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
+from shear_sim.models.interface import Columns
 from shear_sim.models.soft_particle.kernels import core_pressure
-from shear_sim.models.soft_particle.parameters import SoftParticle, SoftParticlePoint
+from shear_sim.models.soft_particle.parameters import DiametralCompression, SoftParticlePoint
+from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.state import HOLLOW
-from shear_sim.models.soft_particle.system import System, Wall
-
-FloatArray = NDArray[np.float64]
+from shear_sim.models.soft_particle.system import System, Wall, ledger
 
 RAMP = 0.05  # part of a stroke in which the plates come to their speed, and to rest
 PIECES = 50  # of a record, in each of which the plates keep their speed
-SLOWEST = 36.0 / 5.0  # ω₁² ρ_l R⁴/EI of a ring
-
-
-class Scales(NamedTuple):
-    """What results are measured in, per metre of depth."""
-
-    bending: float  # E I [N m]
-    segment: float  # ℓ [m]
-    hinge: float  # k_b [N]
-    shell_modulus: float  # K_∂Ω = k_s tan(π/N) [Pa]
-    core_modulus: float  # K_Ω [Pa]
-    mass: float  # of a vertex [kg/m]
-    frequency: float  # ω₁ [1/s]
-
-
-def scales(model: SoftParticle, vertices: int, radius: float) -> Scales:
-    """Return the scales of a ring."""
-    shell = Shell.of_material(model.young_modulus, model.thickness * radius, model.poisson_ratio)
-    segment = 2.0 * radius * math.sin(math.pi / vertices)
-    modulus = shell.stretch / segment * math.tan(math.pi / vertices)
-    mass = model.density * math.pi * radius**2 / vertices
-    per_length = mass * vertices / (2.0 * math.pi * radius)
-    return Scales(
-        shell.bend,
-        segment,
-        shell.bend / segment,
-        modulus,
-        model.core_ratio * modulus,
-        mass,
-        math.sqrt(SLOWEST * shell.bend / per_length) / radius**2,
-    )
-
-
-def ring_body(model: SoftParticle, vertices: int, radius: float) -> Body:
-    """Return a ring of a study at rest around the origin."""
-    unit = scales(model, vertices, radius)
-    elastic = Shell.of_material(model.young_modulus, model.thickness * radius, model.poisson_ratio)
-    moment, force = model.yield_moment, model.yield_force
-    shell = Shell(
-        elastic.stretch,
-        elastic.bend,
-        math.inf if force is None else force * elastic.stretch,
-        math.inf if moment is None else moment * unit.bending / radius,
-        model.damping,
-        model.damping,
-    )
-    core = Core() if model.core_ratio == 0.0 else Core(model.core, unit.core_modulus)
-    points = ring_points(vertices, radius)
-    return Body(points, True, 0.5 * model.thickness * radius, unit.mass, shell, core)
+PICTURE = 3.2  # side of what a snapshot shows, in radii of the ring
+FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
 
 
 class Diametral:
     """The run: plates that touch the ring at the start, approach each other, and part again."""
 
-    def __init__(self, point: SoftParticlePoint) -> None:
-        model, packing, shear = point.model, point.packing, point.shear
+    def __init__(self, point: SoftParticlePoint, shear: DiametralCompression) -> None:
+        model, packing = point.model, point.packing
         self.unit = scales(model, packing.vertices, packing.radius)
         body = ring_body(model, packing.vertices, packing.radius)
         self.radius, self.modulus = packing.radius, model.young_modulus
@@ -80,15 +30,19 @@ class Diametral:
         self.system = System(
             [body],
             [Wall(0.0, 1.0, place), Wall(0.0, -1.0, place)],
-            stiffness=model.contact_stiffness * self.unit.hinge / self.unit.segment**2,
+            stiffness=self.unit.stiffness,
             friction=model.friction,
+            contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
         )
         rows = point.resolved().record.rows or 0
-        period = 2.0 * math.pi / self.unit.frequency
+        self.rows = rows + 1
+        self.hollow = model.core_ratio == 0.0
+        side = PICTURE * packing.radius
+        self.frame = (-0.5 * side, -0.5 * side, side, side)
         self.strokes = 2 if shear.unload else 1
         # A stroke of plates that start and stop smoothly takes 1/(1 − RAMP) times as long.
-        stroke = shear.compression / (shear.relative_rate / period) / (1.0 - RAMP)
+        stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)
         self.speed = shear.compression * self.half / (stroke * (1.0 - RAMP))
         piece = stroke * self.strokes / (rows * PIECES)
         longest = point.integrator.step * self.system.stable_step
@@ -152,15 +106,41 @@ class Diametral:
             "width_ratio": float(np.ptp(motion.x)) / diameter,
             "contact_ratio": float(np.ptp(top)) / diameter if len(top) else 0.0,
             "load_ratio": apart / diameter,
-            "energy_stretch": energy.stretch,
-            "energy_bend": energy.bend,
-            "energy_core": energy.core,
-            "energy_contact": energy.normal + energy.tangential,
-            "energy_kinetic": energy.kinetic,
-            "work": energy.by_walls,
-            "lost_by_yield": energy.stretch_yield + energy.bend_yield,
-            "lost_by_friction": energy.sliding + energy.separation,
-            "lost_by_damping": energy.damping,
-            "lost_by_drag": energy.drag,
-            "energy_missing": energy.missing,
+        } | ledger(energy)
+
+    def preparation(self) -> dict[str, float]:
+        """Return what is to be said of the start: nothing."""
+        return {}
+
+    def measured(self, table: Columns) -> dict[str, float]:
+        """Return what is kept of a whole run."""
+        top = int(table["compression"].argmax())
+        work = float(table["work"][top])
+        found = {
+            "final_force": table["force"][top],
+            "final_scaled_force": table["scaled_force"][top],
+            "final_area_ratio": table["area_ratio"][top],
+            "final_contact_ratio": table["contact_ratio"][top],
+            "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
+            "drag_ratio": table["lost_by_drag"][top] / work,
         }
+        found |= self._contact_line(table, top)
+        if self.strokes == 2:
+            height = float(np.ptp(self.system.motion.y))
+            found["residual_compression"] = 1.0 - height / (2.0 * self.half)
+            found["recovered_work"] = 1.0 - float(table["work"][-1]) / work
+        return {name: float(value) for name, value in found.items()}
+
+    def _contact_line(self, table: Columns, top: int) -> dict[str, float]:
+        """Fit a line to the contact length of loading, where it is long against a segment.
+
+        A flat contact of a hollow ring bears at its two ends, so its length is how far the loads
+        are apart; unlike the vertices that touch, that does not come in whole segments.
+        """
+        ratio, strain = table["load_ratio"][: top + 1], table["compression"][: top + 1]
+        segment = self.unit.segment / (2.0 * self.half)
+        use = ratio > FEWEST_TOUCHING * segment
+        if not self.hollow or use.sum() < 10:
+            return {}
+        slope, offset = np.polyfit(strain[use], ratio[use], 1)
+        return {"contact_onset": -offset / slope, "contact_slope": slope}

@@ -267,6 +267,42 @@ def shell_forces(
         if closed[p] == 0:
             new[first] = new[last] = other[last] = 0.0
     _bar_forces(start, closed, other, new, ex, ey, over, bx, by, dx, dy)
+    for p in range(closed.shape[0]):
+        if chains.inner_damping[p] > 0.0:
+            _damp_inside(chains.inner_damping[p], start[p], start[p + 1], x, y, px, py, dx, dy)
+
+
+@jit
+def _damp_inside(
+    damping: float,
+    first: int,
+    end: int,
+    x: Floats,
+    y: Floats,
+    px: Floats,
+    py: Floats,
+    dx: Floats,
+    dy: Floats,
+) -> None:
+    """Add a drag on what the vertices first:end move against the rigid motion of all of them.
+
+    So a change of shape is damped, but not a particle that moves or turns: no net force, no torque.
+    """
+    scale = 1.0 / (end - first)
+    mx = my = ux = uy = 0.0
+    for k in range(first, end):
+        mx += x[k] * scale
+        my += y[k] * scale
+        ux += px[k] * scale
+        uy += py[k] * scale
+    turn = square = 0.0
+    for k in range(first, end):
+        turn += (x[k] - mx) * (py[k] - uy) - (y[k] - my) * (px[k] - ux)
+        square += (x[k] - mx) ** 2 + (y[k] - my) ** 2
+    spin = turn / square
+    for k in range(first, end):
+        dx[k] -= damping * (px[k] - ux + spin * (y[k] - my))
+        dy[k] -= damping * (py[k] - uy - spin * (x[k] - mx))
 
 
 @jit

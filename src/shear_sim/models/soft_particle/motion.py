@@ -207,6 +207,7 @@ def march(
             walls.position[w] += dt * walls.velocity[w]
             power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
             walls.work[w] += half * power
+            energy[DAMPING] += half * walls.loss[w] * walls.velocity[w]
 
         status = apply_forces(chains, lists, rules, motion, springs, links, walls, work, damped)
 
@@ -218,6 +219,7 @@ def march(
         for w in range(planes):
             power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
             walls.work[w] += half * power
+            energy[DAMPING] += half * walls.loss[w] * walls.velocity[w]
             if walls.mass[w] > 0.0:
                 net = walls.load[w] - walls.push[w] - walls.damping[w] * walls.velocity[w]
                 walls.velocity[w] += half * net / walls.mass[w]

@@ -7,18 +7,42 @@ from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point
 from shear_sim.protocol import Snapshots, check_snapshots
-from shear_sim.schema import PERCENT, Impossible, Positive, Section
+from shear_sim.schema import PERCENT, Impossible, Positive, Section, default_kind
 
 
 class SoftParticlePacking(Section):
-    """Which particles there are: so far one ring."""
+    """Which particles there are: one ring, or a box of them."""
 
+    particles: Annotated[
+        int, Field(ge=1, le=100_000, description="rings; more than one: in a box of rigid walls")
+    ] = 1
+    spread: Annotated[
+        float,
+        Field(ge=0, le=0.3, description="ΔR/R: standard deviation of radii, normal, cut at 2.5"),
+        PERCENT,
+    ] = 0.0
+    preparation: Annotated[
+        Literal["discs", "gravity"],
+        Field(
+            description="of a box. discs: the densest random packing of discs without friction. "
+            "gravity: rings that fell into it"
+        ),
+    ] = "discs"
     vertices: Annotated[
         int, Field(ge=8, le=2000, multiple_of=4, description="N of a ring, mass points")
     ] = 100
     radius: Annotated[
-        float, Field(gt=0, le=10, description="R of the mid-line of the shell [m]")
+        float, Field(gt=0, le=10, description="R of the mid-line of the shell, the mean [m]")
     ] = 1e-3
+
+    @model_validator(mode="after")
+    def _one_ring_is_of_one_size(self) -> Self:
+        if self.particles == 1:
+            keys = {"spread": self.spread > 0, "preparation": self.preparation != "discs"}
+            message = "has no effect on a single ring"
+            if any(keys.values()):
+                raise Impossible([((key, "particles"), message) for key in keys if keys[key]])
+        return self
 
 
 class SoftParticle(Section):
@@ -53,6 +77,13 @@ class SoftParticle(Section):
     damping: Annotated[
         float, Field(ge=0, le=1, description="of bars and hinges, fraction of critical"), PERCENT
     ] = 0.2
+    contact_damping: Annotated[
+        float, Field(ge=0, le=1, description="of contacts, fraction of critical"), PERCENT
+    ] = 0.0
+    inner_damping: Annotated[
+        float,
+        Field(ge=0, le=2, description="drag of a vertex against its own particle / (m ω₁)"),
+    ] = 0.0
     drag: Annotated[
         float,
         Field(ge=0, le=2, description="of a vertex / (m ω₁), ω₁ the slowest vibration of a ring"),
@@ -75,6 +106,31 @@ class DiametralCompression(Section):
     unload: Annotated[bool, Field(description="let the plates part again")] = True
 
 
+class Compaction(Section):
+    """A box of rings whose lid comes down at a constant speed, and goes up again."""
+
+    kind: Literal["compaction"]
+    strain: Annotated[
+        float, Field(gt=0, le=1, description="ε = ln(H₀/H) reached, at most"), PERCENT
+    ] = 0.3
+    largest_stress: Annotated[
+        float | None,
+        Field(gt=0, description="σ R²/k_b at which the lid turns before; σ/σ* is twice that"),
+    ] = None
+    relative_rate: Annotated[
+        float,
+        Field(gt=0, le=0.05, description="ε̇ T₁: strain in one period of the slowest mode"),
+    ] = 0.003
+    unload: Annotated[bool, Field(description="let the lid go up to where it was")] = True
+
+
+SoftParticleShear = Annotated[
+    DiametralCompression | Compaction,
+    Field(discriminator="kind"),
+    default_kind("diametral_compression"),
+]
+
+
 class SoftParticleIntegrator(Section):
     """Steps in time."""
 
@@ -88,7 +144,13 @@ class SoftParticleRecord(Section):
     """How often a record is made."""
 
     rows: Annotated[
-        int | None, Field(ge=10, le=100_000, description="records; default 200, or 400 if unloaded")
+        int | None,
+        Field(
+            ge=10,
+            le=100_000,
+            description="records; default 200 in diametral compression, 100 in compaction; twice "
+            "that if unloaded",
+        ),
     ] = None
     snapshots: Snapshots = None
 
@@ -98,7 +160,7 @@ class SoftParticlePoint(Point):
 
     packing: SoftParticlePacking = SoftParticlePacking()
     model: SoftParticle = SoftParticle()
-    shear: DiametralCompression = DiametralCompression()
+    shear: SoftParticleShear = DiametralCompression()
     integrator: SoftParticleIntegrator = SoftParticleIntegrator()
     record: SoftParticleRecord = SoftParticleRecord()
 
@@ -109,7 +171,8 @@ class SoftParticlePoint(Point):
 
     def resolved(self) -> Self:
         """Return the point with its number of records filled in."""
-        rows = self.record.rows or (400 if self.shear.unload else 200)
+        one_way = 100 if isinstance(self.shear, Compaction) else 200
+        rows = self.record.rows or one_way * (2 if self.shear.unload else 1)
         record = self.record.model_copy(update={"rows": rows})
         return self.model_copy(update={"record": record})
 
@@ -118,6 +181,18 @@ class SoftParticlePoint(Point):
         strokes = 2 if self.shear.unload else 1
         rows = self.resolved().record.rows or 0
         check_snapshots(self.record.snapshots, 0.0, strokes, rows / strokes)
+        return self
+
+    @model_validator(mode="after")
+    def _one_ring_or_a_box(self) -> Self:
+        boxed = isinstance(self.shear, Compaction)
+        if boxed != (self.packing.particles > 1):
+            message = (
+                "a compaction needs a box of rings, and only it: packing.particles = 500, say"
+                if boxed
+                else "a box of rings needs shear.kind: compaction"
+            )
+            raise Impossible([(("packing.particles", "shear.kind"), message)])
         return self
 
     @model_validator(mode="after")

@@ -7,6 +7,7 @@ import numpy as np
 
 from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.models.soft_particle.contacts import corner, side
+from shear_sim.models.soft_particle.state import LAST
 from shear_sim.models.soft_particle.system import System
 
 STICKS = 1.0 - 1e-9  # of Coulomb's bound: what a sliding contact reaches
@@ -24,29 +25,30 @@ class _Contact(NamedTuple):
     kind: int
 
 
-def take(system: System, row: int, side_of_cell: float) -> Snapshot:
+def take(system: System, row: int, frame: tuple[float, float, float, float]) -> Snapshot:
     """Return the snapshot of record ``row``.
 
     Bars are links with their tension and the shear force of their moments. Forces are those of
     springs, without dashpots. The contacts of a vertex with a chain are with the vertices that end
-    the segments which it faces; friction goes with the deepest of them.
+    the segments which it faces; friction goes with the segment that its spring is kept at.
 
     Parameters
     ----------
     system : System
     row : int
         Number of the record.
-    side_of_cell : float
-        Of a square around the origin, which is what a picture shows [m].
+    frame : (left, bottom, width, height)
+        What a picture shows [m].
     """
     chains, motion, walls = system.chains, system.motion, system.walls
     rows = np.array([*_bars(system), *_between_chains(system), *_with_walls(system)])
     i, j, dx, dy, normal, tangential, kind = rows.reshape(-1, len(_Contact._fields)).T
-    half = 0.5 * side_of_cell
-    planes = np.column_stack([walls.nx, walls.ny, walls.position + half * (walls.nx + walls.ny)])
+    left, bottom, width, height = frame
+    at = walls.position - left * walls.nx - bottom * walls.ny
+    planes = np.column_stack([walls.nx, walls.ny, at])
     return Snapshot(
-        row=row, width=side_of_cell, height=side_of_cell, offset=0.0, periodic=False,
-        position=np.column_stack([motion.x, motion.y]) + half,
+        row=row, width=width, height=height, offset=0.0, periodic=False,
+        position=np.column_stack([motion.x - left, motion.y - bottom]),
         velocity=np.column_stack([motion.vx, motion.vy]),
         spin=np.zeros(len(motion.x)),
         radius=chains.radius[chains.chain],
@@ -71,31 +73,26 @@ def _between_chains(system: System) -> Iterator[_Contact]:
     """Yield the contacts of vertices with segments, see (SP.6)."""
     chains, motion, lists, rules = system.chains, system.motion, system.lists, system.rules
     x, y, before, after = motion.x, motion.y, chains.before, chains.after
-    for v in range(len(x)):
-        found = []
-        for c in range(lists.start[v], lists.start[v + 1]):
-            s, kind = int(lists.segment[c]), int(lists.kind[c])
-            j = int(after[s])
-            reach = float(chains.radius[chains.chain[v]] + chains.radius[chains.chain[s]])
-            overlap, nx, ny, share = side(x, y, v, s, j, reach, kind)
-            found.append((1.0, overlap, nx, ny, j if share > 0.5 else s, reach))
-            coefficient, overlap, nx, ny = corner(x, y, v, int(before[s]), s, j, reach, kind)
-            found.append((coefficient, overlap, nx, ny, s, reach))
-            if after[j] < 0:
-                coefficient, overlap, nx, ny = corner(x, y, v, s, j, -1, reach, kind)
-                found.append((coefficient, overlap, nx, ny, j, reach))
-        found = [f for f in found if f[0] * f[1] != 0.0]
-        held = system.springs.force[v][system.springs.segment[v] >= 0]
-        friction = float(held.sum())  # on v, along its tangent, which points against that to j
-        deepest = max(range(len(found)), key=lambda k: found[k][1], default=0)
-        for k, (coefficient, overlap, nx, ny, j, reach) in enumerate(found):
+    springs = system.springs
+    listed = (lists.vertex, lists.segment, lists.kind, lists.reach)
+    for v, s, kind, reach in zip(*(each.tolist() for each in listed), strict=True):
+        j = int(after[s])
+        overlap, nx, ny, share = side(x, y, v, s, j, reach, kind)
+        found = [(1.0, overlap, nx, ny, j if share > 0.5 else s)]
+        found.append((*corner(x, y, v, int(before[s]), s, j, reach, kind), s))
+        if kind == LAST:
+            found.append((*corner(x, y, v, s, j, -1, reach, kind), j))
+        # On v, along its tangent, which points against that to j.
+        along = float(springs.force[v][springs.segment[v] == s].sum())
+        for coefficient, overlap, nx, ny, end in found:
+            if coefficient == 0.0 or overlap <= 0.0:
+                continue
             push = coefficient * rules.stiffness * overlap
-            along = friction if k == deepest else 0.0
             slides = 0.0 < STICKS * rules.friction * abs(push) <= abs(along)
             away = reach - overlap
-            yield _Contact(
-                v, j, -nx * away, -ny * away, push, along, SLIDING if slides else CONTACT
-            )
+            which = SLIDING if slides else CONTACT
+            yield _Contact(v, end, -nx * away, -ny * away, push, along, which)
+            along = 0.0
 
 
 def _with_walls(system: System) -> Iterator[_Contact]:

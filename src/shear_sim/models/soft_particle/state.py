@@ -33,6 +33,7 @@ class Chains(NamedTuple):
     bend_yield: Floats  # (N,) moment at which a hinge yields [N]
     stretch_damping: Floats  # (N,) force per rate of length [N s/m²]
     bend_damping: Floats  # (N,) moment per rate of angle [N s]
+    inner_damping: Floats  # (N,) force of a vertex per velocity against its particle [N s/m²]
     core_law: Ints  # (N,)
     core_stiffness: Floats  # (N,) K_Ω [Pa]
     core_pressure: Floats  # (N,) p₀, at the area A₀ [Pa]
@@ -111,6 +112,7 @@ class Walls(NamedTuple):
     damping: Floats  # force on it per velocity [N s/m²]
     push: Floats  # normal force on the particles, now [N/m]
     drive: Floats  # tangential force on the particles, now [N/m]
+    loss: Floats  # part of ``push`` that is of dashpots [N/m]
     work: Floats  # done by the wall so far [J/m]
 
 
@@ -162,7 +164,9 @@ class Work(NamedTuple):
 
     energy: Floats  # (ENERGIES,) [J/m]
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
-    closest: Floats  # (1,) least signed distance / distance of touching, of any contact so far
+    # Least distance / distance of touching of any contact so far: of those from outside, with a
+    # sign, and of two-sided ones.
+    closest: Floats  # (2,)
     scratch: Floats  # (8, V) room for bars and hinges
     held: Ints  # (V,) features that a vertex touched with friction at the step before
 
@@ -181,7 +185,7 @@ def work(vertices: int) -> Work:
     return Work(
         np.zeros(ENERGIES),
         np.zeros(1),
-        np.full(1, np.inf),
+        np.full(2, np.inf),
         np.zeros((8, vertices)),
         np.zeros(vertices, np.int32),
     )

@@ -42,6 +42,9 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
 FRACTION = 0.2  # of the longest stable step
+#: Of a two-sided contact, distance / distance of touching: in one step, in which two vertices move
+#: by a quarter of that each, nothing goes through unseen.
+NEAREST = 0.25
 CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
 SHARPEST = 0.95 * math.pi  # turning angle of a hinge that counts as folded
 SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths / rest length, area / area at the start
@@ -81,6 +84,23 @@ class Budget(NamedTuple):
     drag: float
     broken: float
     missing: float
+
+
+def ledger(budget: Budget) -> dict[str, float]:
+    """Return the energy columns of a record."""
+    return {
+        "energy_stretch": budget.stretch,
+        "energy_bend": budget.bend,
+        "energy_core": budget.core,
+        "energy_contact": budget.normal + budget.tangential,
+        "energy_kinetic": budget.kinetic,
+        "work": budget.by_walls,
+        "lost_by_yield": budget.stretch_yield + budget.bend_yield,
+        "lost_by_friction": budget.sliding + budget.separation,
+        "lost_by_damping": budget.damping,
+        "lost_by_drag": budget.drag,
+        "energy_missing": budget.missing,
+    }
 
 
 def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
@@ -175,7 +195,7 @@ class System:
             FRACTION * self.stable_step if step is None else step,
         )
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
-        self.walls = Walls(*table.T.copy(), *np.zeros((3, len(table))))
+        self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         self.springs = springs(vertices, len(table))
         self.work = work(vertices)
         self.links = no_links()
@@ -184,7 +204,9 @@ class System:
         self.skin = 2.0 * thin
         self.leap = 0.5 * thin
         self.steps = 0
-        self.damped = bool(self.chains.stretch_damping.any() or self.chains.bend_damping.any())
+        chains = self.chains
+        dashpots = (chains.stretch_damping, chains.bend_damping, chains.inner_damping)
+        self.damped = any(bool(of_chain.any()) for of_chain in dashpots)
         self.begin()
 
     def begin(self) -> None:
@@ -295,7 +317,7 @@ class System:
             )
         elif status != RUNNING:
             problem = "a vertex touches too many segments: larger segments, or thinner shells"
-        elif self.work.closest[0] < 0.5 * DEEPEST:
+        elif self.work.closest[0] < 0.5 * DEEPEST or self.work.closest[1] < NEAREST:
             problem = (
                 "a vertex went through a segment or a wall: a larger contact stiffness, a "
                 "shorter time_step, or slower walls"

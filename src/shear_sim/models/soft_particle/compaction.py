@@ -1,0 +1,205 @@
+"""Rings in a box whose lid comes down and goes up: how they start, and what is measured."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.bodies import Body
+from shear_sim.models.soft_particle.packs import Box, scattered_discs, touching_discs
+from shear_sim.models.soft_particle.parameters import Compaction, SoftParticlePoint
+from shear_sim.models.soft_particle.rings import ring_body, scales
+from shear_sim.models.soft_particle.system import System, Wall, ledger
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
+
+UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)
+FEWEST = 5  # records of a line
+LOWEST = 0.03  # σ/σ* under which the pack has not set yet
+WEIGHT = 0.1  # weight of all rings / width / σ*, where they fall
+SYRUP = 0.05  # drag on vertices / (m ω₁) there
+STILL = 1e-4  # kinetic energy of rings at rest / (weight of all · R)
+LONGEST_FALL = 500  # periods T₁
+LEFT, RIGHT, FLOOR, LID = range(4)
+
+
+class Compactor:
+    """The run: a lid at a constant speed, at first where it touches, in the end there again."""
+
+    def __init__(self, point: SoftParticlePoint, shear: Compaction, streams: Streams) -> None:
+        model, packing = point.model, point.packing
+        self.unit = scales(model, packing.vertices, packing.radius)
+        self.radius, self.modulus = packing.radius, model.young_modulus
+        # Of a disc that a ring stands for, with its thickness, in mean radii of mid-lines.
+        outside = 1.0 + 0.5 * model.thickness
+        falling = packing.preparation == "gravity"
+        discs = scattered_discs if falling else touching_discs
+        box = discs(packing.particles, packing.spread, streams.generator("discs"))
+        bodies = _rings(point, box, outside, streams.generator("turns"))
+        self.width = box.width * outside * packing.radius
+        top = max(float(body.points[:, 1].max()) + body.radius for body in bodies)
+        self.system = System(
+            bodies,
+            [
+                Wall(1.0, 0.0, 0.0), Wall(-1.0, 0.0, -self.width), Wall(0.0, 1.0, 0.0),
+                Wall(0.0, -1.0, -top),
+            ],
+            stiffness=self.unit.stiffness,
+            friction=model.friction,
+            contact_damping=model.contact_damping,
+            drag=model.drag * self.unit.mass * self.unit.frequency,
+        )  # fmt: skip
+        self.settling = self._settle() if falling else 0.0
+        self.first = self.system.steps
+        top = self.start = float(self.system.motion.y.max()) + float(self.system.chains.radius[0])
+        self.system.walls.position[LID] = -top
+        self.frame = (0.0, 0.0, self.width, top)
+        self.limit = math.inf if shear.largest_stress is None else shear.largest_stress
+        strokes = 2 if shear.unload else 1
+        self.one_way = max(1, (point.resolved().record.rows or 0) // strokes)
+        self.strokes = strokes
+        self.rows = strokes * self.one_way + 1
+        self.made = 0
+        way = top * (1.0 - math.exp(-shear.strain)) / self.one_way
+        speed = shear.relative_rate * top / self.unit.period
+        longest = point.integrator.step * self.system.stable_step
+        self.steps = math.ceil(way / speed / longest * (1.0 - 1e-9))
+        self.system.rules = self.system.rules._replace(step=way / speed / self.steps)
+        self.speed = speed
+        self.system.begin()
+
+    def _settle(self) -> float:
+        """Let the rings fall, come to rest, and lose their weight; return the time it took [s].
+
+        Raises
+        ------
+        SimulationError
+            If they do not come to rest.
+        """
+        system, unit = self.system, self.unit
+        every = np.arange(len(system.motion.x))
+        weight = WEIGHT * UNIT * unit.hinge / self.radius**2 * self.width / len(every)
+        still = STILL * weight * len(every) * self.radius
+        steps = math.ceil(unit.period / system.rules.step)
+        rules = system.rules
+        system.rules = rules._replace(drag=rules.drag + SYRUP * unit.mass * unit.frequency)
+        for load in (-weight, weight):  # put on, and taken off again
+            system.load(every, fy=load)
+            system.begin()
+            for _ in range(LONGEST_FALL):
+                system.advance(steps)
+                if system.kinetic() < still:
+                    break
+            else:
+                msg = (
+                    f"the rings are not at rest {LONGEST_FALL} periods of their slowest vibration "
+                    "after they fell: more inner_damping or contact_damping"
+                )
+                raise SimulationError(msg)
+        system.rules = rules
+        return system.time
+
+    def go_on(self) -> None:
+        """Make the steps from one record to the next."""
+        down = self.made < self.one_way
+        self.system.walls.velocity[LID] = self.speed if down else -self.speed
+        self.system.advance(self.steps)
+        self.made += 1
+        if down and self._stress(LID, self.width) >= self.limit * self.unit.hinge / self.radius**2:
+            self.one_way = self.made
+            self.rows = self.strokes * self.one_way + 1
+
+    def _stress(self, wall: int, length: float) -> float:
+        return float(self.system.walls.push[wall]) / length
+
+    def record(self) -> dict[str, float]:
+        """Return one record, see ``columns``."""
+        system, width = self.system, self.width
+        height = -float(system.walls.position[LID])
+        stress = self._stress(LID, width)
+        solid, circularity = self._shapes()
+        return {
+            "time": (system.steps - self.first) * system.rules.step,
+            "strain": math.log(self.start / height),
+            "stress_yy": stress,
+            "stress_xx": 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height)),
+            "stress_floor": self._stress(FLOOR, width),
+            "stress_yy_per_modulus": stress / self.modulus,
+            "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
+            "box_area": width * height,
+            "solid_area": solid,
+            "circularity": circularity,
+        } | ledger(system.budget())
+
+    def _shapes(self) -> tuple[float, float]:
+        """Return the area of all particles [m²], and their mean circularity."""
+        chains, motion = self.system.chains, self.system.motion
+        sides = np.hypot(motion.x[chains.after] - motion.x, motion.y[chains.after] - motion.y)
+        perimeter = np.add.reduceat(sides, chains.start[:-1])
+        count = len(chains.closed)
+        area = np.array([self.system.area(p) for p in range(count)])
+        r = chains.radius
+        solid = float((area + perimeter * r + math.pi * r**2).sum())
+        return solid, float((4.0 * math.pi * area / perimeter**2).mean())
+
+    def preparation(self) -> dict[str, float]:
+        """Return what is to be said of the start."""
+        return {"width": self.width, "height": self.start, "settling_time": self.settling}
+
+    def measured(self, table: Columns) -> dict[str, float]:
+        """Return what is kept of a whole run."""
+        top = int(table["strain"].argmax())
+        work = float(np.abs(table["work"]).max())
+        stress = table["stress_yy_per_bending"] / UNIT
+        void = table["box_area"] / table["solid_area"] - 1.0
+        change = table["box_area"][0] - table["box_area"][1:]
+        share = np.append(0.0, (table["solid_area"][0] - table["solid_area"][1:])
+                          / np.where(change > 0.0, change, np.nan))  # fmt: skip
+        stored = np.zeros(len(stress))
+        for name in ("stretch", "bend", "core", "contact"):
+            stored += table[f"energy_{name}"]
+        found = {
+            "start_void_ratio": void[0],
+            "final_strain": table["strain"][top],
+            "final_stress_per_bending": table["stress_yy_per_bending"][top],
+            "final_void_ratio": void[top],
+            "final_solid_share": share[top],
+            "final_circularity": table["circularity"][top],
+            "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
+            "drag_ratio": table["lost_by_drag"][top] / work,
+        }
+        loading = np.arange(len(stress)) <= top
+        set_ = loading & (stress > LOWEST)
+        if set_.any():
+            found["inertia_ratio"] = (table["energy_kinetic"][set_] / stored[set_]).max()
+        if set_.sum() >= FEWEST:
+            slope = np.polyfit(np.log10(stress[set_]), void[set_], 1)[0]
+            found["compressibility_index"] = -slope
+        above = np.flatnonzero(loading & (stress >= 1.0))
+        if len(above) and above[0] > 0:
+            pair = slice(above[0] - 1, above[0] + 1)
+            at = np.log(np.maximum(stress[pair], 1e-12))
+            found["void_ratio_at_unit"] = np.interp(0.0, at, void[pair])
+            found["solid_share_at_unit"] = np.interp(0.0, at, share[pair])
+        if self.strokes == 2:
+            found["unloaded_void_ratio"] = void[-1]
+        return {name: float(value) for name, value in found.items()}
+
+
+def _rings(
+    point: SoftParticlePoint, box: Box, outside: float, rng: np.random.Generator
+) -> list[Body]:
+    """Return a ring for each disc of ``box``, turned at random, within its disc."""
+    model, packing = point.model, point.packing
+    bodies = []
+    for x, y, size in zip(box.x, box.y, box.radius, strict=True):
+        radius = packing.radius * (size * outside - 0.5 * model.thickness)
+        body = ring_body(model, packing.vertices, packing.radius, radius)
+        turn = rng.uniform(0.0, 2.0 * math.pi)
+        matrix = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+        centre = packing.radius * outside * np.array([x, y])
+        bodies.append(replace(body, points=body.points @ matrix + centre))
+    return bodies

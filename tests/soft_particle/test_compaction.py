@@ -1,0 +1,216 @@
+"""Boxes of rings under a lid: how they start, what a run measures, and its energy balance."""
+
+import pickle
+
+import numpy as np
+import pytest
+from soft_particles import angular_momentum, momentum, ring, system
+
+from shear_sim.models import soft_particle
+from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
+from shear_sim.results import read_job
+from shear_sim.runner import run_job
+from shear_sim.streams import Streams
+from shear_sim.study import Job, StudyError, read_study
+
+PACK = {"particles": 9, "vertices": 16, "spread": 0.15}
+MODEL = {
+    "thickness": 0.15, "contact_stiffness": 10.0, "contact_damping": 0.3, "inner_damping": 1.0,
+    "drag": 0.0,
+}  # fmt: skip
+
+
+def point(model=None, packing=None, shear=None, **sections):
+    shear = {"kind": "compaction", "strain": 0.25, "relative_rate": 0.01} | (shear or {})
+    return SoftParticlePoint.model_validate(
+        {
+            "packing": PACK | (packing or {}),
+            "model": MODEL | (model or {}),
+            "shear": shear,
+            "record": {"rows": 40},
+            **sections,
+        }
+    )
+
+
+def finished(given, seed=0):
+    simulation = soft_particle.start(given, Streams(seed, 0))
+    simulation.advance(10_000)
+    return simulation
+
+
+@pytest.mark.parametrize("count", [9, 60])
+def test_discs_that_just_touch(count):
+    """Nothing overlaps by more than a thousandth, and none but rattlers could be pushed."""
+    box = touching_discs(count, 0.15, np.random.default_rng(1))
+    apart = np.hypot(box.x[:, None] - box.x, box.y[:, None] - box.y)
+    gap = apart - box.radius[:, None] - box.radius
+    np.fill_diagonal(gap, np.inf)
+    assert gap.min() > -1.1e-3
+    sides = np.stack([box.x, box.width - box.x, box.y, box.height - box.y]) - box.radius
+    assert sides.min() > -1.1e-3
+    touching = (gap < 2e-3).sum(axis=1) + (sides < 2e-3).sum(axis=0)
+    assert (touching >= 2).mean() > 0.7
+    assert box.radius.mean() == pytest.approx(1.0)
+    solid = np.pi * (box.radius**2).sum() / (box.width * box.height)
+    assert 0.72 < solid < 0.86  # 0.84 without walls
+
+
+def test_scattered_discs_touch_nowhere():
+    box = scattered_discs(30, 0.15, np.random.default_rng(2))
+    apart = np.hypot(box.x[:, None] - box.x, box.y[:, None] - box.y)
+    gap = apart - box.radius[:, None] - box.radius
+    np.fill_diagonal(gap, np.inf)
+    assert gap.min() > 0.0
+    assert (box.x - box.radius).min() > 0.0
+    assert (box.x + box.radius).max() < box.width
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return finished(point(shear={"strain": 0.4}))
+
+
+def test_what_a_compaction_measures(elastic):
+    """Work is ∫σ dV of the lid; floor and lid bear the same; the way back leads to the start."""
+    table = elastic.columns()
+    top = int(table["strain"].argmax())
+    assert table["strain"][top] == pytest.approx(0.4)
+    assert table["strain"][-1] == pytest.approx(0.0, abs=1e-9)
+    box, stress = table["box_area"], table["stress_yy"]
+    assert np.log(box[0] / box) == pytest.approx(table["strain"], abs=1e-12)
+    work = -np.concatenate([[0.0], np.cumsum(0.5 * (stress[1:] + stress[:-1]) * np.diff(box))])
+    assert work[top] == pytest.approx(table["work"][top], rel=0.03)
+    pressed = table["strain"] > 0.15
+    assert table["stress_floor"][pressed] == pytest.approx(stress[pressed], rel=0.2)
+    unit = elastic.run.unit
+    assert table["stress_yy_per_bending"] == pytest.approx(stress * 1e-6 / unit.hinge)
+    derived = soft_particle.derive(table)
+    assert derived["void_ratio"][top] < 0.2 < derived["void_ratio"][0] < 0.6
+    measured = elastic.summary()["measured"]
+    assert measured["unloaded_void_ratio"] == pytest.approx(measured["start_void_ratio"], abs=0.02)
+    assert measured["solid_share_at_unit"] > 0.1
+    assert 0.05 < measured["compressibility_index"] < 0.2
+
+
+def test_area_of_particles_is_that_of_their_outlines(elastic):
+    """V_s = A + P r + π r² of every ring; regular polygons at the start."""
+    chains = elastic.run.system.chains
+    r = chains.radius[0]
+    sides = np.add.reduceat(chains.rest_length, chains.start[:-1])
+    expected = (chains.core_area + sides * r + np.pi * r**2).sum()
+    table = elastic.columns()
+    assert table["solid_area"][0] == pytest.approx(expected)
+    n = PACK["vertices"]
+    assert table["circularity"][0] == pytest.approx(np.pi / n / np.tan(np.pi / n))
+    assert table["circularity"].min() < table["circularity"][0] - 0.02
+
+
+def test_energy_missing_falls_as_the_square_of_the_step():
+    """With yield, friction and all dashpots; 1e-4 of the work is the goal."""
+    missing = []
+    for step in (0.4, 0.2):
+        given = point(
+            {"yield_moment": 0.3, "friction": 0.2, "core_ratio": 1.0},
+            shear={"strain": 0.15, "relative_rate": 0.02}, integrator={"step": step},
+        )  # fmt: skip
+        run = finished(given)
+        measured = run.summary()["measured"]
+        table = run.columns()
+        assert table["lost_by_yield"][-1] > 1e-3 * table["work"].max()
+        assert table["lost_by_friction"][-1] > 1e-3 * table["work"].max()
+        missing.append(measured["energy_missing_ratio"])
+    assert missing[1] < 1e-5
+    assert missing[1] < 0.35 * missing[0]
+
+
+def test_rings_that_cannot_be_compressed_fill_the_pores():
+    """With a hard core V_s stays: e = (1 + e₀) exp(−ε) − 1; the lid turns at its stress."""
+    run = finished(point({"core_ratio": 100.0}, shear={"largest_stress": 2.0, "strain": 0.4}))
+    table = run.columns()
+    void = soft_particle.derive(table)["void_ratio"]
+    assert void == pytest.approx((1 + void[0]) * np.exp(-table["strain"]) - 1, abs=0.006)
+    measured = run.summary()["measured"]
+    assert 2.0 <= measured["final_stress_per_bending"] < 4.0
+    assert measured["final_strain"] < 0.39
+    assert run.done == run.rows < 41
+    assert table["strain"][-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_plastic_rings_stay_crushed():
+    run = finished(point({"yield_moment": 0.02}, shear={"strain": 0.2}))
+    measured = run.summary()["measured"]
+    table = run.columns()
+    top = int(table["strain"].argmax())
+    assert table["lost_by_yield"][top] > 0.5 * table["work"][top]
+    assert table["work"][-1] > 0.95 * table["work"][top]  # nothing is given back
+    assert measured["final_circularity"] < table["circularity"][0] - 0.02
+
+
+def test_damping_inside_slows_no_particle():
+    """Moving and turning as a whole costs nothing; a change of shape does, at no net force."""
+    s = system(ring(12, inner_damping=0.5))
+    x, y = s.motion.x, s.motion.y
+    s.motion.vx[:], s.motion.vy[:] = 3e-3 - 2e-4 * y, -1e-3 + 2e-4 * x
+    s._forces(s.rules)
+    assert np.abs([s.motion.dx, s.motion.dy]).max() < 1e-17
+    rng = np.random.default_rng(4)
+    s.motion.vx[:] += rng.normal(0.0, 1e-4, 12)
+    s.motion.vy[:] += rng.normal(0.0, 1e-4, 12)
+    s._forces(s.rules)
+    force = np.array([s.motion.dx, s.motion.dy])
+    assert np.abs(force).max() > 1e-5
+    assert force.sum(axis=1) == pytest.approx([0.0, 0.0], abs=1e-16)
+    assert (x * force[1] - y * force[0]).sum() == pytest.approx(0.0, abs=1e-16)
+    before = momentum(s), angular_momentum(s)
+    s.begin()
+    s.advance(200)
+    assert momentum(s) == pytest.approx(before[0], rel=1e-12)
+    assert angular_momentum(s) == pytest.approx(before[1], rel=1e-11)
+    assert s.budget().damping > 1e-8
+    assert abs(s.budget().missing) < 1e-3 * s.budget().damping
+
+
+def test_rings_that_fell(tmp_path):
+    """At rest in the box, and without weight; the job runs, and its table is whole."""
+    given = point(packing={"preparation": "gravity"}, shear={"strain": 0.1, "unload": False})
+    simulation = soft_particle.start(given, Streams(3, 0))
+    system_ = simulation.run.system
+    assert system_.kinetic() < 1e-3 * system_.rules.stiffness * system_.chains.radius[0] ** 2
+    assert np.abs(system_.motion.gy).max() == 0.0
+    assert system_.rules.drag == 0.0
+    result = read_job(run_job(Job.create(given, seed=3, replicate=0), tmp_path))
+    assert result.columns["time"][0] == 0.0
+    assert len(result.columns["time"]) == 41
+    assert result.columns["strain"][-1] == pytest.approx(0.1)
+    assert result.summary["preparation"]["settling_time"] > 0
+    assert result.summary["measured"]["start_void_ratio"] < 0.9
+
+
+def test_stop_and_go_on_to_the_same_bits():
+    given = point({"yield_moment": 0.1, "friction": 0.3}, shear={"strain": 0.1})
+    whole = soft_particle.start(given, Streams(0, 0))
+    whole.advance(15)
+    again = pickle.loads(pickle.dumps(whole))  # noqa: S301
+    whole.advance(1000)
+    again.advance(1000)
+    for name, values in whole.columns().items():
+        assert np.array_equal(values, again.columns()[name]), name
+    assert whole.summary() == again.summary()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("packing: {particles: 9}", "needs shear.kind: compaction"),
+        ("shear: {kind: compaction}", "needs a box of rings"),
+        ("packing: {spread: 0.1}", "no effect on a single ring"),
+        ("packing: {preparation: gravity}", "no effect on a single ring"),
+        ("shear: {kind: compaction, compression: 0.2}\npacking: {particles: 9}", "compression"),
+    ],
+)
+def test_impossible_studies(text, message, tmp_path):
+    content = f"model: {{kind: soft_particle}}\n{text}"
+    with pytest.raises(StudyError, match=message):
+        read_study(content.encode(), tmp_path / "study.yaml")

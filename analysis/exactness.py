@@ -19,8 +19,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.microgel import derive, start
+from shear_sim.models.microgel import derive
 from shear_sim.models.microgel.parameters import Damping, Links, Microgel, MicrogelPoint
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.simulation import take_pairs
 from shear_sim.models.microgel.state import NX, NY, column
 from shear_sim.packing import Packing
@@ -64,7 +65,7 @@ def asymmetry(columns: Mapping[str, FloatArray], tensor: str, way: str) -> Float
 
 def run(point: MicrogelPoint, seed: int = 0) -> dict[str, FloatArray]:
     """Return all columns of a run."""
-    simulation = start(point, Streams(seed, 0))
+    simulation = prepare(point, Streams(seed, 0))
     simulation.advance(simulation.rows)
     columns = simulation.columns()
     return dict(columns) | derive(columns)
@@ -83,7 +84,7 @@ def angular_momentum(arms: str, periods: float = 20, discs: int = 60) -> FloatAr
         ),
         shear=OscillatoryShear(pre_periods=periods, periods=1),  # only the rest is run
     )
-    simulation = start(point, Streams(0, 0))
+    simulation = prepare(point, Streams(0, 0))
     d, links = simulation.discs, simulation.links
     simulation.links = take_pairs(links, (column(links, NX) == 0) & (column(links, NY) == 0))
     simulation.constants = simulation.constants._replace(periodic=False)

@@ -51,9 +51,9 @@ import pydantic
 from numpy.typing import NDArray
 
 from shear_sim.models.interface import SimulationError
-from shear_sim.models.microgel import start
 from shear_sim.models.microgel.motion import segment, strain_at
 from shear_sim.models.microgel.parameters import MicrogelPoint
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.simulation import CORE, MicrogelSimulation, make_work
 from shear_sim.streams import Streams
 
@@ -383,7 +383,7 @@ def begin(case: Case, *, energy: bool, factor: int = 1, seed: int = 0) -> Microg
                 "record": point.record.model_copy(update={"energy": energy}),
             }
         )
-        simulation = start(point, Streams(seed, 0))
+        simulation = prepare(point, Streams(seed, 0))
     assert isinstance(simulation, MicrogelSimulation)
     return simulation
 

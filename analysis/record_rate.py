@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from shear_sim.models import microgel
 from shear_sim.models.microgel.parameters import Integrator, Links, Microgel, MicrogelPoint
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.rheology import TENSORS, Moduli, moduli
 from shear_sim.study import Job
@@ -41,7 +42,7 @@ QUANTITIES = ("|G*|", "G″", "worst harmonic")
 
 def run(point: MicrogelPoint, replicate: int) -> tuple[dict[str, FloatArray], dict[str, Any]]:
     """Return all columns and the protocol of one job."""
-    simulation = microgel.start(point, Job.create(point, 1, replicate).streams)
+    simulation = prepare(point, Job.create(point, 1, replicate).streams)
     simulation.advance(simulation.rows)
     columns = simulation.columns()
     return columns, simulation.summary()["protocol"]

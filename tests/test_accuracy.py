@@ -12,9 +12,10 @@ import pytest
 from scenes import LOOSE, packing_point
 from typer.testing import CliRunner
 
-from shear_sim import accuracy, accuracy_report, cli, models
+from shear_sim import accuracy, accuracy_report, cli
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel.parameters import Links
+from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.prepared import PreparedMicrogel
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.results import ResultsError
@@ -100,7 +101,7 @@ def test_an_error_that_does_not_fall_is_uneven(monkeypatch):
 
 def test_one_run_of_the_ladder_is_the_job_itself(smooth):
     [own] = [run for run in smooth.runs if run["own"]]
-    simulation = accuracy.finish(models.model("microgel").start(smooth.job.point, Streams(1, 0)))
+    simulation = accuracy.finish(prepare(smooth.job.point, Streams(1, 0)))
     moduli, _, _ = accuracy.response(smooth.job, simulation)
     prepared = accuracy.prepare(smooth.job)
     again, _, _ = accuracy.response(smooth.job, accuracy.finish(prepared.start()))
@@ -127,7 +128,7 @@ def test_other_rungs_are_the_job_with_their_steps(factor, steps):
     rung = accuracy.finish(accuracy.prepare(job).start(factor=factor))
     integrator = job.point.integrator.model_copy(update={"steps_per_period": steps})
     point = job.point.model_copy(update={"integrator": integrator})
-    simulation = accuracy.finish(models.model("microgel").start(point, Streams(1, 0)))
+    simulation = accuracy.finish(prepare(point, Streams(1, 0)))
     assert rung.substeps == simulation.substeps
     stride = max(1, int(factor))  # the ladder records at the same times on every rung
     for name, values in simulation.columns().items():
@@ -138,7 +139,7 @@ def test_a_prepared_packing_starts_again_from_the_same_state():
     point = job_of(0.5).point
     prepared = PreparedMicrogel(point, Streams(1, 0))
     first, second = (accuracy.finish(prepared.start()).columns() for _ in range(2))
-    whole = models.model("microgel").start(point, Streams(1, 0))
+    whole = prepare(point, Streams(1, 0))
     whole.advance(whole.rows)
     for name, values in whole.columns().items():
         assert values.tobytes() == first[name].tobytes() == second[name].tobytes()

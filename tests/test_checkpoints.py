@@ -89,6 +89,26 @@ def test_a_job_in_pieces_equals_the_whole_to_the_bit(name, tmp_path, monkeypatch
     assert list(checkpoint.parent.iterdir()) == []
 
 
+def test_a_job_goes_on_from_the_midst_of_its_preparation(tmp_path, monkeypatch):
+    """Which is the larger part of a job of many discs, and longer than a time limit may be."""
+    job = make_job("microgel: friction, links, energy")
+    monkeypatch.setattr(runner, "FIRST_BLOCK", 1)
+    monkeypatch.setattr(runner, "BLOCK_SECONDS", 0.0)
+    whole = read_table(run_job(job, folder(tmp_path, "whole")))
+    jobs = folder(tmp_path, "pieces")
+    checkpoint, done = jobs.parent / f"checkpoints/{job.id}.pickle", []
+    for _ in range(3):
+        with pytest.raises(Stopped):
+            run_job(job, jobs, stop=lambda: True)
+        done.append(read_checkpoint(checkpoint).simulation)
+    assert [simulation.done for simulation in done] == [0, 0, 0]
+    assert len({pickle.dumps(simulation) for simulation in done}) == 3  # it gets on
+    monkeypatch.setattr(runner, "FIRST_BLOCK", 1000)
+    pieces = read_table(run_job(job, jobs))
+    assert differences(whole, pieces) == []
+    assert pieces.summary["run"]["resumed"] == 3
+
+
 def test_the_cost_of_all_pieces_is_counted(tmp_path, monkeypatch):
     job, jobs = make_job(), folder(tmp_path, "study")
     monkeypatch.setattr(runner, "FIRST_BLOCK", 100)

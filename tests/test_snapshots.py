@@ -9,6 +9,7 @@ from soft_particles import chain, ring, system
 from tools import differences, read_table
 
 from shear_sim import models, runner
+from shear_sim.accuracy import finish
 from shear_sim.models.interface import CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.protocol import snapshot_rows
@@ -70,7 +71,7 @@ def runs():
     def get(name):
         if name not in made:
             made[name] = started(name, 10)
-            made[name].advance(made[name].rows)
+            finish(made[name])
         return made[name]
 
     return get
@@ -220,7 +221,7 @@ def test_moments_are_those_of_the_nearest_records():
 
 def test_a_number_of_an_oscillation_begins_with_the_shear():
     simulation = started("microgel: friction and links", 4)
-    simulation.advance(simulation.rows)
+    finish(simulation)
     columns = simulation.columns()
     rows = [snapshot.row for snapshot in simulation.snapshots]
     assert rows == list(range(200, 501, 25))  # two periods of rest, three of shear
@@ -277,7 +278,7 @@ def study(tmp_path_factory):
 )
 def test_files_give_the_snapshots_back(name, study):
     simulation = started(name, 5)
-    simulation.advance(simulation.rows)
+    finish(simulation)
     found = read_snapshots(study.snapshots, make_job(name, 5).id)
     assert [s.row for s in found] == [s.row for s in simulation.snapshots]
     for back, snapshot in zip(found, simulation.snapshots, strict=True):

@@ -6,6 +6,7 @@ import json
 import pickle
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shear_sim import models
+from shear_sim import design, models
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.packing import content_digest
 from shear_sim.study import Job, Study, StudyError, load_study, read_study
@@ -658,6 +659,13 @@ def test_every_model_exports_what_the_runner_knows(kind):
         names = [column.name for column in columns]
         assert len(set(names)) == len(names)
     assert package.COLUMNS[0].name == "time"
+
+
+def test_the_check_of_many_scenes_takes_no_square_of_their_number():
+    names = tuple(f"scene_{number}" for number in range(30_000))
+    began = time.process_time()
+    assert list(design._bad_scenes(names, names, ("scenes",))) == []
+    assert time.process_time() - began < 1.0
 
 
 def test_an_unknown_model_is_refused():

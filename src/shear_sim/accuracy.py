@@ -327,7 +327,8 @@ class Reference:
 
 def finish(simulation: Simulation) -> Simulation:
     """Run a simulation to its end."""
-    simulation.advance(simulation.rows)
+    while simulation.done < simulation.rows:
+        simulation.advance(simulation.rows)
     return simulation
 
 

@@ -333,11 +333,13 @@ def _expand_block(
 
 
 def _bad_scenes(wanted: Sequence[str], known: Sequence[str], key: Key) -> Iterator[Complaint]:
+    names, before = set(known), set[str]()  # there may be many thousand
     for i, scene in enumerate(wanted):
-        if scene not in known:
+        if scene not in names:
             yield Complaint(((*key, i),), f"is no scene: {one_of(scene, known)}")
-        elif scene in wanted[:i]:
+        elif scene in before:
             yield Complaint(((*key, i),), "is listed twice")
+        before.add(scene)
 
 
 def _axes(block: Block, origin: Key, seed: int) -> Iterator[_Axis | Complaint]:

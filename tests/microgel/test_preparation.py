@@ -1,6 +1,7 @@
 """Packings brought to rest, and contact laws of the user's own."""
 
 import os
+import pickle
 import subprocess
 import sys
 import traceback
@@ -16,6 +17,7 @@ from shear_sim.models.microgel.simulation import kernels_for, time_scale
 from shear_sim.models.microgel.state import listed
 from shear_sim.packing import Cell, Equilibration
 from shear_sim.protocol import OscillatoryShear
+from shear_sim.streams import Streams
 
 CUSTOM = """
 from shear_sim.models.microgel import laws
@@ -170,6 +172,29 @@ def test_an_unstable_run_is_a_simulation_error():
         finish(s)
 
 
+@pytest.mark.parametrize("steps", [1, 7])
+def test_a_preparation_in_pieces_equals_the_whole_to_the_bit(steps):
+    """It is the larger part of a run of many discs: stopped and taken up again after any step."""
+    rest = Equilibration(max_steps=300, force_tolerance=1e-16)  # never: all stages are long
+    point = packing_point(
+        discs=20, links=Links(cut="cells"), friction=0.1, packing={"equilibration": rest}
+    )
+    whole, pieces = preparation.make_start(point, Streams(5, 2)), 0
+    going = preparation.Preparation(point, Streams(5, 2))
+    while (start := going.advance(steps)) is None:
+        going = pickle.loads(pickle.dumps(going))  # noqa: S301 - our own
+        pieces += 1
+    made = whole.preparation["relaxation_steps"], whole.preparation["settling_steps"]
+    assert made[0] > 300
+    assert made[1] >= 300
+    assert pieces > made[0] / steps
+    assert start.preparation == whole.preparation
+    for one, other in ((whole.discs, start.discs), (whole.links, start.links)):
+        assert [a.tobytes() for a in one] == [a.tobytes() for a in other]
+    one, other = listed(whole.contacts), listed(start.contacts)
+    assert [a.tobytes() for a in one] == [a.tobytes() for a in other]
+
+
 def test_a_packing_that_moves_is_not_at_rest():
     """No net force, but a velocity, a spin: it settles until both have gone."""
     point = packing_point(discs=20)
@@ -178,9 +203,9 @@ def test_a_packing_that_moves_is_not_at_rest():
     _, tau = time_scale(point.model, discs.mass)
     for array, value in ((discs.cx, 1e-3), (discs.spin, 10.0)):
         array[0] = value
-        _, report = preparation._settle(
+        report = preparation.Settling(
             point, discs, simulation.links, simulation.contacts, simulation.constants, tau
-        )
+        ).advance(100_000)
         assert report["settling_steps"] > 0
         assert report["at_rest"]
         assert report["kinetic_energy"] <= point.packing.equilibration.energy_tolerance

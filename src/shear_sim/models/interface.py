@@ -55,7 +55,7 @@ class Snapshot(NamedTuple):
 
 
 class Simulation(Protocol):
-    """A prepared simulation: asked for its records, a block at a time.
+    """One simulation: asked for its records, a block at a time.
 
     It may be pickled between two blocks: a copy goes on to the same bits.
     """
@@ -74,6 +74,8 @@ class Simulation(Protocol):
 
     def advance(self, rows: int) -> None:
         """Make the next ``rows`` records (fewer at the end of the protocol).
+
+        Before the first one, a part of a long preparation may come instead, as costly as they are.
 
         Raises
         ------
@@ -193,7 +195,7 @@ class Model(Protocol):
 
     @staticmethod
     def start(point: Any, streams: Streams) -> Simulation:
-        """Prepare a simulation: packing, equilibration."""
+        """Return a simulation; what takes long of its preparation is left to its ``advance``."""
 
     @staticmethod
     def compile_for(points: Sequence[Any]) -> None:

@@ -32,10 +32,10 @@ __all__ = [
 
 
 def start(point: MicrogelPoint, streams: Streams) -> Simulation:
-    """Prepare a simulation: packing, equilibration, links, equilibration."""
-    from shear_sim.models.microgel.preparation import prepare  # loads Numba
+    """Return a run that begins with its preparation: packing, rest, links, rest."""
+    from shear_sim.models.microgel.preparation import MicrogelRun  # loads Numba
 
-    return prepare(point, streams)
+    return MicrogelRun(point, streams)
 
 
 def compile_for(points: Sequence[MicrogelPoint]) -> None:

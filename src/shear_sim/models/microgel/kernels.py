@@ -464,39 +464,43 @@ def relax(
     contacts: Pairs,
     constants: Constants,
     tolerance: float,
-    max_steps: int,
+    first: int,
+    last: int,
+    fire: Floats,
 ) -> tuple[Pairs, int, float]:
-    """Bring a packing to its nearest friction-free equilibrium at zero strain.
+    """Bring a packing nearer to its nearest friction-free equilibrium at zero strain.
 
     FIRE (Bitzek et al. 2006, in the semi-implicit form of Guénolé et al. 2020), with the step
-    bounded by the stiffest contact of the moment. Velocities end at zero.
+    bounded by the stiffest contact of the moment. It may be called in pieces, to the same bits.
 
     Parameters
     ----------
     tolerance : float
         Largest net force on a disc that counts as rest [N/m].
-    max_steps : int
-        Limit of steps.
+    first, last : int
+        Steps made before, and at most after, this call; 0 begins, with no velocity.
+    fire : (3,) array
+        Kept between calls: mixing, steps downhill, and the step by the longest stable one.
 
     Returns
     -------
     contacts, steps, force
-        The list of contacts, the steps made and the largest net force reached [N/m].
+        The list of contacts, the steps made so far and the largest net force reached [N/m].
     """
     n = discs.x.shape[0]
-    discs.cx[:] = 0.0
-    discs.cy[:] = 0.0
-    work.px[:] = 0.0
-    work.py[:] = 0.0
-    contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
-    mixing = 0.25
-    downhill = 0
-    scale = 0.1  # of the longest stable step
+    if first == 0:
+        discs.cx[:] = 0.0
+        discs.cy[:] = 0.0
+        work.px[:] = 0.0
+        work.py[:] = 0.0
+        contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
+        fire[0], fire[1], fire[2] = 0.25, 0.0, 0.1
+    mixing, downhill, scale = fire[0], fire[1], fire[2]
     largest = np.inf
     smallest_radius = discs.radius.min()
     size = 2.0 * discs.radius.mean()
-    steps = 0
-    while steps < max_steps:
+    steps = first
+    while steps < last:
         steps += 1
         if not moved(discs, work, constants, 0.0) <= constants.skin:
             contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
@@ -517,12 +521,12 @@ def relax(
         if largest <= tolerance:
             break
         if power > 0.0:
-            downhill += 1
-            if downhill > 10:
+            downhill += 1.0
+            if downhill > 10.0:
                 scale = min(1.0, scale * 1.1)
                 mixing *= 0.99
         else:
-            downhill = 0
+            downhill = 0.0
             scale = max(0.02, scale * 0.5)
             mixing = 0.25
             # Half a step back, as the climb began somewhere inside the last one.
@@ -550,8 +554,7 @@ def relax(
             discs.cy[a] = cy
             discs.x[a] += h * cx
             discs.y[a] += h * cy
-    discs.cx[:] = 0.0
-    discs.cy[:] = 0.0
+    fire[0], fire[1], fire[2] = mixing, downhill, scale
     return contacts, steps, largest
 
 

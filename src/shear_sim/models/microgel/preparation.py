@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.interface import SimulationError
+from shear_sim.models.interface import Columns, SimulationError, Snapshot
 from shear_sim.models.microgel import laws, motion
 from shear_sim.models.microgel.links import make_links, touching_pairs
 from shear_sim.models.microgel.parameters import Links, Microgel, MicrogelPoint, Record
@@ -18,6 +18,7 @@ from shear_sim.models.microgel.simulation import (
     contact_law,
     kernels_for,
     kernels_of,
+    last_step,
     make_clock,
     make_constants,
     make_discs,
@@ -43,6 +44,7 @@ from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams
 
 REST_DAMPING = 0.5  # 1/τ, while a packing comes to rest
+SETTLING_BLOCK = 50  # steps between looks whether it has
 CACHED = 1000  # so many discs lie in the cache however they are numbered
 
 
@@ -59,7 +61,10 @@ class Start(NamedTuple):
 
 def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     """Prepare the simulation of a point, see :func:`make_start`."""
-    start = make_start(point, streams)
+    return _prepared(point, make_start(point, streams))
+
+
+def _prepared(point: MicrogelPoint, start: Start) -> MicrogelSimulation:
     clock = make_clock(point.shear, start.period, point.steps_per_period, point.record.every)
     return MicrogelSimulation(
         point, kernels_of(point), start.discs, start.links, start.contacts,
@@ -67,25 +72,91 @@ def prepare(point: MicrogelPoint, streams: Streams) -> MicrogelSimulation:
     )  # fmt: skip
 
 
+class MicrogelRun:
+    """A run from its packing on; see :class:`shear_sim.models.interface.Simulation`.
+
+    The preparation is the larger part of a run of many discs, so it goes in blocks too.
+    """
+
+    simulation: MicrogelSimulation  # once it is prepared
+
+    def __init__(self, point: MicrogelPoint, streams: Streams) -> None:
+        self.point = point
+        self.preparation: Preparation | None = Preparation(point, streams)
+        period, every = self.preparation.period, point.record.every
+        clock = make_clock(point.shear, period, point.steps_per_period, every)
+        self.rows = last_step(clock, point.shear) // every + 1
+
+    @property
+    def snapshots(self) -> Sequence[Snapshot]:
+        """Those made so far."""
+        return () if self.preparation else self.simulation.snapshots
+
+    @property
+    def done(self) -> int:
+        """Number of records made so far."""
+        return 0 if self.preparation else self.simulation.done
+
+    def advance(self, rows: int) -> None:
+        """Make the next records, or as many steps of the preparation as they take."""
+        if self.preparation is None:
+            self.simulation.advance(rows)
+        elif start := self.preparation.advance(rows * self.point.record.every):
+            self.simulation = _prepared(self.point, start)
+            self.preparation = None
+
+    def columns(self) -> Columns:
+        """Return the stored columns of the records made so far."""
+        return self.simulation.columns()
+
+    def summary(self) -> dict[str, Any]:
+        """Return derived constants, protocol, preparation, self-checks and flags."""
+        return self.simulation.summary()
+
+
 def make_start(point: MicrogelPoint, streams: Streams) -> Start:
     """Make the packing of a point, bring it to rest, link it, and bring it to rest again."""
-    model = point.model
-    discs, links, contacts, width, height = _start(point, streams)
-    _, tau = time_scale(model, discs.mass)
-    period = tau / point.shear.relative_frequency
-    constants = make_constants(point, discs, width, height, period)
-    law = contact_law(model)
+    preparation = Preparation(point, streams)
+    while (start := preparation.advance(1000)) is None:
+        pass
+    return start
 
-    preparation = _relax(point, law, discs, constants)
-    if model.links.cut not in ("none", "file"):
-        links, report = _link(model.links, streams, discs, constants)
-        preparation |= report
-    contacts, settled = _settle(point, discs, links, contacts, constants, tau)
-    preparation |= settled
-    if point.cell.boundary == "plates":
-        glue(discs, height)
-        preparation["glued_discs"] = int((discs.plate != 0).sum())
-    return Start(discs, links, contacts, constants, period, preparation)
+
+class Preparation:
+    """A start on its way, some steps at a time; a pickled copy goes on to the same bits."""
+
+    def __init__(self, point: MicrogelPoint, streams: Streams) -> None:
+        self.point, self.streams = point, streams
+        self.discs, self.links, self.contacts, width, height = _start(point, streams)
+        _, self.tau = time_scale(point.model, self.discs.mass)
+        self.period = self.tau / point.shear.relative_frequency
+        self.constants = make_constants(point, self.discs, width, height, self.period)
+        self.report: dict[str, Any] = {}
+        self.stage: Relaxation | Settling = Relaxation(point, self.discs, self.constants)
+
+    def advance(self, steps: int) -> Start | None:
+        """Make about so many steps; return the start when it is there.
+
+        Raises
+        ------
+        SimulationError
+            If the packing explodes, or the user's contact law does not work.
+        """
+        report = self.stage.advance(steps)
+        if report is None:
+            return None
+        self.report |= report
+        point, discs, constants = self.point, self.discs, self.constants
+        if isinstance(self.stage, Relaxation):
+            if point.model.links.cut not in ("none", "file"):
+                self.links, report = _link(point.model.links, self.streams, discs, constants)
+                self.report |= report
+            self.stage = Settling(point, discs, self.links, self.contacts, constants, self.tau)
+            return None
+        if point.cell.boundary == "plates":
+            glue(discs, constants.height)
+            self.report["glued_discs"] = int((discs.plate != 0).sum())
+        return Start(discs, self.links, self.stage.contacts, constants, self.period, self.report)
 
 
 def _start(point: MicrogelPoint, streams: Streams) -> tuple[Discs, Pairs, Pairs, float, float]:
@@ -133,39 +204,53 @@ def by_rows(position: FloatArray, radius: FloatArray) -> NDArray[np.int64]:
     return np.lexsort((position[:, 0], position[:, 1] // (4 * radius.mean())))
 
 
-def _relax(
-    point: MicrogelPoint, law: laws.Law, discs: Discs, constants: Constants
-) -> dict[str, Any]:
-    """Bring a packing to friction-free rest: the equilibration before friction and links.
+class Relaxation:
+    """A packing on its way to friction-free rest: the equilibration before friction and links.
 
     Random starts overlap deeply, so the bounded linear law comes first, then the study's own.
     """
-    rest = point.packing.equilibration
-    if rest.max_steps == 0:
-        return {}
-    unit = force_unit(constants, discs)
-    longest = 3 * math.sqrt(discs.mass.min() / (6 * constants.k))
-    # What only moving discs feel stays out of it: scenes that differ there share their packings.
-    at_rest = constants._replace(
-        step_normal=longest,
-        step_energy=0.5 * longest,  # energy may err
-        step_normal_dashpot=math.inf,
-    )
-    linear = at_rest._replace(law=(0.0, *constants.law[1:]))
-    work, contacts, steps, force = make_work(len(discs.x)), make_pairs(), 0, 0.0
-    for stage_law, stage, tolerance in (
-        (laws.divergent, linear, 1e-3),
-        (law, at_rest, 0.5 * rest.force_tolerance),  # half, as settling adds its own rounding
-    ):
-        kernels = kernels_for(stage_law, tangential=False)
-        contacts, made, force = kernels.relax(
-            discs, work, make_pairs(), contacts, stage, tolerance * unit, rest.max_steps
+
+    def __init__(self, point: MicrogelPoint, discs: Discs, constants: Constants) -> None:
+        self.point, self.discs = point, discs
+        self.unit = force_unit(constants, discs)
+        longest = 3 * math.sqrt(discs.mass.min() / (6 * constants.k))
+        # What only moving discs feel stays out of it: scenes that differ there share packings.
+        self.constants = constants._replace(
+            step_normal=longest,
+            step_energy=0.5 * longest,  # energy may err
+            step_normal_dashpot=math.inf,
         )
-        steps += made
+        self.work, self.contacts = make_work(len(discs.x)), make_pairs()
+        self.linear = True
+        self.fire = np.zeros(3)
+        self.steps = self.steps_before = 0
+
+    def advance(self, steps: int) -> dict[str, Any] | None:
+        """Make at most so many steps; return the report when the packing is at rest."""
+        rest, constants = self.point.packing.equilibration, self.constants
+        if rest.max_steps == 0:
+            return {}
+        law, tolerance = contact_law(self.point.model), 0.5 * rest.force_tolerance
+        # Half of it, as settling adds its own rounding.
+        if self.linear:
+            law, tolerance = laws.divergent, 1e-3
+            constants = constants._replace(law=(0.0, *constants.law[1:]))
+        tolerance *= self.unit
+        self.contacts, self.steps, force = kernels_for(law, tangential=False).relax(
+            self.discs, self.work, make_pairs(), self.contacts, constants, tolerance,
+            self.steps, min(self.steps + steps, rest.max_steps), self.fire,
+        )  # fmt: skip
         if not math.isfinite(force):
             msg = "the contact law gave a force that is not a number while the packing was made"
             raise SimulationError(msg)
-    return {"relaxation_steps": steps, "relaxed_force": force / unit}
+        if force > tolerance and self.steps < rest.max_steps:
+            return None
+        self.steps_before, self.steps = self.steps_before + self.steps, 0
+        if self.linear:
+            self.linear = False
+            return None
+        self.discs.cx[:] = self.discs.cy[:] = 0.0
+        return {"relaxation_steps": self.steps_before, "relaxed_force": force / self.unit}
 
 
 def _link(
@@ -199,52 +284,68 @@ def glue(discs: Discs, height: float) -> None:
         array[discs.plate != 0] = 0.0
 
 
-def _settle(
-    point: MicrogelPoint,
-    discs: Discs,
-    links: Pairs,
-    contacts: Pairs,
-    constants: Constants,
-    tau: float,
-) -> tuple[Pairs, dict[str, Any]]:
-    """Let a linked, frictional packing come to rest at zero strain, in damped dynamics."""
-    rest = point.packing.equilibration
-    kernels = kernels_of(point)
-    unit = force_unit(constants, discs)
-    energy_unit = unit * 2 * float(discs.radius.mean())
-    damped = constants._replace(
-        damping=REST_DAMPING / tau, spin_damping=REST_DAMPING / tau, spin_target=0.0
-    )
-    work = make_work(len(discs.x))
-    block = 50
-    clock = Clock(0.2 * tau, 0, 0, OSCILLATION, 100, 0.0, block)
-    rows = np.empty((2, len(ROW + ENERGIES)))
-    steps = 0
-    while True:
-        contacts, *_ = kernels.run(discs, work, links, contacts, damped, clock, -1, 0, False, rows)
-        force = float(np.hypot(work.fx, work.fy).max()) / unit
-        turning = float((np.abs(work.torque) / discs.radius).max()) / unit
-        speed2 = discs.cx**2 + discs.cy**2
-        energy = 0.5 * (discs.mass * speed2 + discs.inertia * discs.spin**2).mean() / energy_unit
-        at_rest = max(force, turning) <= rest.force_tolerance and energy <= rest.energy_tolerance
-        if at_rest or steps >= rest.max_steps:
-            break
-        contacts, _, substeps, status = kernels.run(
-            discs, work, links, contacts, damped, clock, -1, block, False, rows
+class Settling:
+    """A linked, frictional packing on its way to rest at zero strain, in damped dynamics."""
+
+    def __init__(
+        self,
+        point: MicrogelPoint,
+        discs: Discs,
+        links: Pairs,
+        contacts: Pairs,
+        constants: Constants,
+        tau: float,
+    ) -> None:
+        self.point, self.discs, self.links, self.contacts = point, discs, links, contacts
+        self.constants = constants._replace(
+            damping=REST_DAMPING / tau, spin_damping=REST_DAMPING / tau, spin_target=0.0
         )
-        if status != RUNNING:
-            msg = "the packing exploded while it came to rest"
-            raise SimulationError(msg)
-        steps += substeps
-    if steps:  # a drift of the whole packing is not motion of the packing
-        for velocity in (discs.cx, discs.cy):
-            velocity -= (discs.mass * velocity).sum() / discs.mass.sum()
-    return contacts, {
-        "settling_steps": steps,
-        "unbalanced_force": max(force, turning),
-        "kinetic_energy": float(energy),
-        "at_rest": bool(at_rest),
-    }
+        self.work = make_work(len(discs.x))
+        self.clock = Clock(0.2 * tau, 0, 0, OSCILLATION, 100, 0.0, SETTLING_BLOCK)
+        self.steps = 0
+
+    def advance(self, steps: int) -> dict[str, Any] | None:
+        """Make about so many steps; return the report when the packing is at rest."""
+        rest, discs, work = self.point.packing.equilibration, self.discs, self.work
+        unit = force_unit(self.constants, discs)
+        energy_unit = unit * 2 * float(discs.radius.mean())
+        until = self.steps + steps
+        while True:
+            self._run(0)
+            force = float(np.hypot(work.fx, work.fy).max()) / unit
+            turning = float((np.abs(work.torque) / discs.radius).max()) / unit
+            speed2 = discs.cx**2 + discs.cy**2
+            energy = 0.5 * (discs.mass * speed2 + discs.inertia * discs.spin**2).mean()
+            energy /= energy_unit
+            at_rest = max(force, turning) <= rest.force_tolerance
+            at_rest = at_rest and energy <= rest.energy_tolerance
+            if at_rest or self.steps >= rest.max_steps:
+                break
+            substeps, status = self._run(SETTLING_BLOCK)
+            if status != RUNNING:
+                msg = "the packing exploded while it came to rest"
+                raise SimulationError(msg)
+            self.steps += substeps
+            if self.steps >= until:
+                return None
+        if self.steps:  # a drift of the whole packing is not motion of the packing
+            for velocity in (discs.cx, discs.cy):
+                velocity -= (discs.mass * velocity).sum() / discs.mass.sum()
+        return {
+            "settling_steps": self.steps,
+            "unbalanced_force": max(force, turning),
+            "kinetic_energy": float(energy),
+            "at_rest": bool(at_rest),
+        }
+
+    def _run(self, last: int) -> tuple[int, int]:
+        """Run to step ``last``, from rest forces on; return substeps and status."""
+        rows = np.empty((2, len(ROW + ENERGIES)))
+        self.contacts, _, substeps, status = kernels_of(self.point).run(
+            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
+            -1, last, False, rows,
+        )  # fmt: skip
+        return substeps, status
 
 
 def compile_kernels(points: Sequence[MicrogelPoint]) -> None:

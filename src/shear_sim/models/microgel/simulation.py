@@ -265,6 +265,12 @@ def make_clock(shear: Shear, period: float, steps: int, every: int) -> Clock:
     return Clock(step, begin, end, kind, steps, float(amplitude), every)
 
 
+def last_step(clock: Clock, shear: Shear) -> int:
+    """Return the number of steps of a run, whose last rest ends with a record."""
+    steps = clock.end + round(shear.post_periods * clock.per_period)
+    return -(-steps // clock.every) * clock.every
+
+
 class MicrogelSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
@@ -286,8 +292,7 @@ class MicrogelSimulation:
         self.constants, self.clock = constants, clock
         self.preparation = preparation
         self.work = make_work(len(discs.x))
-        steps = clock.end + round(point.shear.post_periods * clock.per_period)
-        self.steps = -(-steps // clock.every) * clock.every  # the last rest ends with a record
+        self.steps = last_step(clock, point.shear)
         self.done = 0
         self.substeps = 0
         self.names = ROW + ENERGIES if point.record.energy else ROW

@@ -711,7 +711,7 @@ def test_configs_load_and_have_their_size(name, least, most):
     ("name", "jobs"),
     [
         ("jamming", 80), ("rheology_64", 132), ("rheology_256", 42), ("rheology_1024", 20),
-        ("rheology_1024_dense", 2), ("signals", 2), ("snapshots", 7),
+        ("rheology_1024_dense", 2), ("signals", 2), ("snapshots", 7), ("crystals", 48),
     ],
 )  # fmt: skip
 def test_longer_studies_of_hard_discs_load_and_have_their_size(name, jobs):
@@ -720,7 +720,7 @@ def test_longer_studies_of_hard_discs_load_and_have_their_size(name, jobs):
 
 def test_every_config_file_is_tested():
     longer = {"jamming", "rheology_64", "rheology_256", "rheology_1024", "rheology_1024_dense"}
-    longer |= {"signals", "snapshots"}
+    longer |= {"crystals", "signals", "snapshots"}
     assert {path.stem for path in (CONFIGS / "hard_disc").glob("*.yaml")} == longer
     assert {path.stem for path in CONFIGS.glob("*.yaml")} == {
         "quick",

@@ -73,19 +73,24 @@ def wait_until(condition, seconds=30.0):
     return value
 
 
+def tables_of(results):
+    """Return the result files by name; what a killed writer left goes with the next sweep."""
+    return {path.name: path for path in sorted(results.jobs.glob("*.parquet"))}
+
+
 def assert_same(one, other):
     """Two results folders hold the same jobs, the same to the bit."""
-    names = sorted(path.name for path in one.jobs.iterdir())
-    assert names == sorted(path.name for path in other.jobs.iterdir())
-    for name in names:
-        assert differences(read_table(one.jobs / name), read_table(other.jobs / name)) == []
+    mine, theirs = tables_of(one), tables_of(other)
+    assert list(mine) == list(theirs), (list(mine), list(theirs))
+    for name in mine:
+        assert differences(read_table(mine[name]), read_table(theirs[name])) == [], name
 
 
 def assert_same_but_for_the_wait(undisturbed, slow):
     """Compare columns and moduli: the slow study differs in ``model.seconds``, hence in ids."""
 
     def facts(results):
-        tables = [read_table(path) for path in results.jobs.iterdir()]
+        tables = [read_table(path) for path in tables_of(results).values()]
         return sorted(
             (
                 [values.tobytes() for values in table.columns.values()],

@@ -182,7 +182,9 @@ def test_warned_and_cancelled_tasks_lose_nothing(cluster, user, tmp_path, fast):
     assert len(tasks(results.folder)) == 2
     wait_until(lambda: all_ended(cluster, results), SECONDS)
     assert_same_but_for_the_wait(fast, results)
-    resumed = [read_table(path).summary["run"]["resumed"] for path in results.jobs.glob("*.parquet")]
+    resumed = [
+        read_table(path).summary["run"]["resumed"] for path in results.jobs.glob("*.parquet")
+    ]
     assert sum(resumed) >= 1
 
 

@@ -248,6 +248,11 @@ def test_a_division_that_does_not_fit_is_refused(plan, fake, tmp_path):
     [path] = plan.results.submissions.glob("*.txt")
     with pytest.raises(PlanError, match="2 shares, one a line, but --shard is 0/3"):
         make_plan(plan.study, plan.results, shard=(0, 3), division=path)
+    whole = path.read_bytes()
+    for damaged in (whole[:-6], whole.replace(b"a", b"b", 1), b"a b\nc d\n"):
+        path.write_bytes(damaged)
+        with pytest.raises(PlanError, match=rf"{path}: cannot be read \(damaged"):
+            make_plan(plan.study, plan.results, shard=(0, 2), division=path)
     path.unlink()
     with pytest.raises(PlanError, match=f"{path}: cannot be read"):
         make_plan(plan.study, plan.results, shard=(0, 2), division=path)
@@ -296,7 +301,7 @@ def test_a_number_that_cannot_be_kept_is_said(plan, fake, monkeypatch):
 
 
 def test_a_missing_aggregation_is_made_up_for(plan, fake):
-    """It was refused; then it was cancelled; then results have come after the report."""
+    """It was refused; it was cancelled; the study was edited; results came after the report."""
     refused = f"[ $(wc -l < {fake.folder}/sbatch.calls) = 1 ] && echo 101 || exit 1"
     fake.answers("sbatch", refused)
     limits = Limits(minutes=120, max_tasks=1)
@@ -324,8 +329,12 @@ def test_a_missing_aggregation_is_made_up_for(plan, fake):
     report = plan.results.report_file
     report.write_text("of all results")
     assert submit(done, limits, print) == []
-    os.utime(report, (1, 1))
+    plan.results.study_file.write_text("before its last edit, which needs no new job")
     assert submit(done, limits, print) == [105]
+    assert plan.results.study_file.read_text() == plan.study.text
+    assert submit(done, limits, print) == []
+    os.utime(report, (1, 1))
+    assert submit(done, limits, print) == [106]
 
 
 def test_an_aggregation_that_waits_for_older_arrays_alone_does_not_count(plan, fake):
@@ -508,6 +517,10 @@ class TestRequeue:
     def test_a_task_that_never_gets_anywhere_stops_after_three_runs(self, tmp_path, monkeypatch):
         answers = [self.runs(monkeypatch, tmp_path, n, progress=False) for n in range(4)]
         assert [answer is None for answer in answers] == [True, True, False, False]
+
+    def test_runs_that_slurm_ended_are_not_judged(self, tmp_path, monkeypatch):
+        """Of a node that died twice, and then a warning."""
+        assert self.runs(monkeypatch, tmp_path, 2, progress=False) is None
 
     def test_a_refusal_is_said(self, fake, tmp_path, monkeypatch):
         fake.answers("scontrol", "exit 1")

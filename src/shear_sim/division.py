@@ -72,10 +72,14 @@ def read_division(path: Path) -> list[list[str]]:
 
     Raises
     ------
-    OSError, UnicodeDecodeError
-        If it cannot be read.
+    OSError, ValueError
+        If it cannot be read, or is not what was written: its name is that of its content.
     """
-    return [line.split() for line in path.read_text("utf-8").splitlines()]
+    shares = [line.split() for line in path.read_text("utf-8").splitlines()]
+    if file_name(shares) != path.name:
+        msg = "damaged, or not of this program"
+        raise ValueError(msg)
+    return shares
 
 
 def _text(shares: Shares) -> bytes:

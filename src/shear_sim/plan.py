@@ -216,6 +216,7 @@ def make_plan(
         if job.id in failures and failures[job.id].kind == "physics" and not retry_failed
     }
     run = [job for job in missing if job.id not in waiting]
+    run.sort(key=lambda job: job.id in failures)  # what failed before must not keep back the others
     chosen = run[:limit]
     cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, measure and bool(finished))
     return Plan(
@@ -242,7 +243,7 @@ def _share(jobs: "list[Job]", shard: tuple[int, int], path: Path) -> "list[Job]"
     """Return the jobs that a division gives to this shard."""
     try:
         shares = read_division(path)
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         msg = f"{path}: cannot be read ({error}): submit the study again"
         raise PlanError(msg) from error
     if len(shares) != shard[1]:

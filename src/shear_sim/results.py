@@ -130,7 +130,8 @@ class Results:
                 pass  # or nothing of this would have been written
             for path in self.checkpoints.glob("*.pickle"):
                 if self.job_file(path.stem).exists():  # by another run of the same job
-                    path.unlink(missing_ok=True)
+                    with contextlib.suppress(OSError):  # a folder of that name does no harm
+                        path.unlink()
             remove_partial(self.snapshots)
             remove_partial(self.folder)
             if not keep_plan and self.study_file.exists() and self.plan_file.exists():

@@ -181,19 +181,20 @@ def requeue(task: str, folder: Path, *, progress: bool) -> str | None:
     task : str
         See `this_task`.
     folder : Path
-        A file of this task alone is kept there: the number of its last run with progress.
+        A file of this task alone is kept there: how many of its runs in a row got no further.
+        Runs that Slurm ends without a warning are not judged.
     progress : bool
         Whether a job has ended or got further in this run. A task without any in three runs
         would only burn time.
     """
-    restarts = int(os.environ.get("SLURM_RESTART_COUNT") or 0)
-    note = folder / f"progress-{task}"
-    if progress:
-        write_whole(note, str(restarts).encode())
-    last = -1
-    with contextlib.suppress(FileNotFoundError, ValueError):
-        last = int(note.read_bytes())
-    if restarts - last >= MOST_IDLE_RUNS:
+    note = folder / f"idle-{task}"
+    idle = 0
+    if not progress:
+        with contextlib.suppress(FileNotFoundError, ValueError):
+            idle = int(note.read_bytes())
+        idle += 1
+    write_whole(note, str(idle).encode())
+    if idle >= MOST_IDLE_RUNS:
         return f"no job has got any further in {MOST_IDLE_RUNS} runs: give more --time"
     if _ask("scontrol", "requeue", task) is None:
         return "scontrol requeue did not work"
@@ -212,6 +213,7 @@ def _ask(*command: str) -> str | None:
             env=environment,
             capture_output=True,
             text=True,
+            errors="replace",  # names of users and nodes may be in any encoding
             check=True,
             timeout=ANSWER_SECONDS,
         )

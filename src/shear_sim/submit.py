@@ -71,7 +71,7 @@ def held(results: Results, submitted: list[Submission], queue: list[Task]) -> se
         path = results.submissions / name
         try:
             divisions[name] = read_division(path)
-        except (OSError, UnicodeDecodeError) as error:
+        except (OSError, ValueError) as error:
             msg = f"{path}: cannot be read ({error}): wait until the tasks that it is of have ended"
             raise SlurmError(msg) from error
     for task in live:
@@ -285,7 +285,10 @@ def _keep_division(results: Results, layout: Layout) -> None:
 
 
 def _report_is_old(plan: Plan) -> bool:
-    """Tell whether there are results that the report does not know."""
+    """Tell whether there are results, or an edit of the study, that the report does not know."""
+    study = plan.results.study_file
+    if study.exists() and study.read_bytes() != plan.study.text.encode():
+        return True
     changed = max((when for _, when in plan.results.stamps().values()), default=0)
     report = plan.results.report_file
     return changed > (report.stat().st_mtime_ns if report.exists() else 0)

@@ -470,6 +470,20 @@ def test_odd_lines_of_an_answer_are_skipped(plan, fake):
     assert array["tasks"] == {"running": 1, "timeout": 1}
 
 
+def test_an_answer_may_be_in_any_encoding(fake):
+    fake.answers("squeue", r"printf '101|0|RUNNING|Gr\374n\n'")
+    [task] = slurm.queue()
+    assert (task.job, task.index, task.state) == (101, 0, "RUNNING")
+
+
+def test_what_failed_before_runs_last(plan):
+    first, *others = [job.id for job in plan.run]
+    plan.results.prepare(plan.study)
+    plan.results.record_failure(Failure(first, "crash", "its worker died"))
+    again = make_plan(plan.study, plan.results)
+    assert [job.id for job in again.run] == [*others, first]
+
+
 def test_what_failed_by_physics_is_tried_again_when_told(plan, fake):
     plan.results.prepare(plan.study)
     plan.results.record_failure(Failure(plan.run[0].id, "physics", "the spring broke"))

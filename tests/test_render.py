@@ -22,6 +22,8 @@ from shear_sim.figures.scene import (
 from shear_sim.models.interface import CONTACT, LINK, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
+from shear_sim.runner import run_job
+from shear_sim.study import load_study
 
 STUDY = """
 packing: {discs: 24, packing_fraction: 0.8}
@@ -29,6 +31,14 @@ model: {kind: hard_disc}
 shear: {kind: steady, strain: 0.2}
 record: {snapshots: [0, 0.05, 0.1, 0.15, 0.2]}
 scenes: {kept: {}, none: {record.snapshots: null}}
+seed: 1
+"""
+
+BOX = """
+packing: {vertices: 24, radius: 1e-3, particles: 4}
+model: {kind: soft_particle, thickness: 0.2}
+shear: {kind: compaction, strain: 0.05, relative_rate: 0.05}
+record: {rows: 10, snapshots: 1}
 seed: 1
 """
 
@@ -222,9 +232,6 @@ def jobs(tmp_path_factory):
     """The results of a study: a job with snapshots and one without."""
     folder = tmp_path_factory.mktemp("render")
     (folder / "study.yaml").write_text(STUDY)
-    from shear_sim.runner import run_job
-    from shear_sim.study import load_study
-
     jobs = folder / "results/study/jobs"
     jobs.mkdir(parents=True)
     found = {job.labels[0][1]: job for job in load_study(folder / "study.yaml").jobs()}
@@ -245,6 +252,20 @@ def test_a_picture_is_written(jobs, tmp_path, monkeypatch):
         assert len(image.convert("RGB").getcolors(1 << 24)) > 20
     assert call(jobs, jobs["kept"], "--snapshot", 2, "--out", "two.pdf").exit_code == 0
     assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(tmp_path):
+    (tmp_path / "study.yaml").write_text(BOX)
+    (tmp_path / "jobs").mkdir()
+    [job] = load_study(tmp_path / "study.yaml").jobs()
+    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+    render.write_picture(kept, tmp_path / "box.png", -1)
+    with Image.open(tmp_path / "box.png") as image:
+        assert image.size[0] > 1500
+    [(stress, label)], (against, strain) = render._curves(kept)
+    assert (label, against) == ("stress on the lid [Pa]", "strain")
+    assert np.array_equal(stress, kept.table.columns["stress_yy"])
+    assert strain.max() == pytest.approx(0.05)
 
 
 def test_a_film_has_a_frame_for_each_snapshot(jobs, tmp_path):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene
-from shear_sim.models.interface import Snapshot
+from shear_sim.models.interface import Columns, Snapshot
 from shear_sim.results import ResultsError, read_job
 from shear_sim.snapshots import read_snapshots
 from shear_sim.tables import Table
@@ -206,25 +206,20 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
             columns["compression"],
         )
     strain = columns["strain"]
-    stress = [
-        (columns[name], text)
-        for name, text in (
-            ("scaled_shear_stress", "shear stress $\\sigma\\xi_0/\\dot\\gamma$"),
-            ("shear_stress", "shear stress [Pa]"),
-        )
-        if name in columns
-    ][:1]
+    stress = _first_of(
+        columns,
+        scaled_shear_stress="shear stress $\\sigma\\xi_0/\\dot\\gamma$",
+        shear_stress="shear stress [Pa]",
+        stress_yy="stress on the lid [Pa]",
+    )
     if "period" in protocol:
         time = (columns["time"] - protocol["shear_start"]) / protocol["period"]
         return [(strain, "strain"), *stress], ("time / period", time)
-    pressure = [
-        (columns[name], text)
-        for name, text in (
-            ("scaled_pressure", "pressure $p\\xi_0/\\dot\\gamma$"),
-            ("pressure", "pressure [Pa]"),
-        )
-        if name in columns
-    ][:1]
+    pressure = _first_of(
+        columns,
+        scaled_pressure="pressure $p\\xi_0/\\dot\\gamma$",
+        pressure="pressure [Pa]",
+    )
     if np.ptp(strain) > 0:
         return [*stress, *pressure], ("strain", strain)
     density = columns.get("packing_fraction")
@@ -235,3 +230,8 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
 def _unit(kept: Kept, colour: str) -> str:
     scaled = "scaled_pressure" in kept.table.columns
     return {"pressure": "" if scaled else "Pa", "spin": "1/s"}.get(colour, "")
+
+
+def _first_of(columns: Columns, **labels: str) -> list[tuple[FloatArray, str]]:
+    """Return the first of these columns that there is, with its label."""
+    return [(columns[name], text) for name, text in labels.items() if name in columns][:1]

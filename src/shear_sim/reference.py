@@ -71,7 +71,10 @@ def _key(name: str, info: FieldInfo, indent: str) -> Iterator[str]:
         return
     value = info.get_default(call_default_factory=True)
     default = options[0] if value is PydanticUndefined else type(value)
-    yield from _section(name, default, indent, info)
+    if value is None:
+        yield from _commented(f"{indent}{name}: null", _meaning(info))
+    else:
+        yield from _section(name, default, indent, info)
     for option in options:
         if option is not default:
             for line in _section(name, option, indent):

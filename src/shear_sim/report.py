@@ -225,7 +225,8 @@ def _methods(tables: "Mapping[str, pd.DataFrame]") -> Iterator[str]:
             "<p>Shear stress and viscosity in steady shear are means over the late half of the "
             "strain.</p>"
         )
-    if {"compression", "self_propelled", "diametral_compression", "compaction"} & tables.keys():
+    of_model = {"compression", "self_propelled", "diametral_compression", "compaction", "tension"}
+    if of_model & tables.keys():
         yield (
             "<p>Quantities in compression and of discs that propel themselves are means over "
             "replicates of what the model measures in each run.</p>"

@@ -45,6 +45,7 @@ POINT_TABLES = {
     "stages": "stages",
     "diametral_compression": "diametral_compression",
     "compaction": "compaction",
+    "tension": "tension",
 }
 
 #: All tables that `shear_sim.aggregate` may write.

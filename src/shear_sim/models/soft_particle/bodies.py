@@ -144,10 +144,14 @@ def _crosses(points: FloatArray) -> bool:
     one, other = np.triu_indices(n, 2)
     apart = (one != 0) | (other != n - 1)
     one, other = one[apart], other[apart]
+    low, high = np.minimum(a, b), np.maximum(a, b)
     return bool(
         np.any(
             (side(a[one], b[one], a[other]) * side(a[one], b[one], b[other]) <= 0)
             & (side(a[other], b[other], a[one]) * side(a[other], b[other], b[one]) <= 0)
+            # Of segments on one line, which are on no side of each other.
+            & (low[one] <= high[other]).all(axis=1)
+            & (low[other] <= high[one]).all(axis=1)
         )
     )
 

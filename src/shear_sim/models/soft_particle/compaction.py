@@ -10,7 +10,7 @@ from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.models.soft_particle.bodies import Body
 from shear_sim.models.soft_particle.packs import Box, scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import Compaction, SoftParticlePoint
-from shear_sim.models.soft_particle.rings import ring_body, scales
+from shear_sim.models.soft_particle.rings import ring_body, scales, shapes
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 from shear_sim.streams import Streams
 
@@ -58,7 +58,7 @@ class Compactor:
         self.system.walls.position[LID] = -top
         self.frame = (0.0, 0.0, self.width, top)
         self.limit = math.inf if shear.largest_stress is None else shear.largest_stress
-        strokes = 2 if shear.unload else 1
+        strokes = shear.strokes
         self.one_way = max(1, (point.resolved().record.rows or 0) // strokes)
         self.strokes = strokes
         self.rows = strokes * self.one_way + 1
@@ -120,7 +120,7 @@ class Compactor:
         system, width = self.system, self.width
         height = -float(system.walls.position[LID])
         stress = self._stress(LID, width)
-        solid, circularity = self._shapes()
+        solid, circularity = shapes(system)
         return {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": math.log(self.start / height),
@@ -133,17 +133,6 @@ class Compactor:
             "solid_area": solid,
             "circularity": circularity,
         } | ledger(system.budget())
-
-    def _shapes(self) -> tuple[float, float]:
-        """Return the area of all particles [m²], and their mean circularity."""
-        chains, motion = self.system.chains, self.system.motion
-        sides = np.hypot(motion.x[chains.after] - motion.x, motion.y[chains.after] - motion.y)
-        perimeter = np.add.reduceat(sides, chains.start[:-1])
-        count = len(chains.closed)
-        area = np.array([self.system.area(p) for p in range(count)])
-        r = chains.radius
-        solid = float((area + perimeter * r + math.pi * r**2).sum())
-        return solid, float((4.0 * math.pi * area / perimeter**2).mean())
 
     def preparation(self) -> dict[str, float]:
         """Return what is to be said of the start."""

@@ -40,7 +40,7 @@ class Diametral:
         self.hollow = model.core_ratio == 0.0
         side = PICTURE * packing.radius
         self.frame = (-0.5 * side, -0.5 * side, side, side)
-        self.strokes = 2 if shear.unload else 1
+        self.strokes = shear.strokes
         # A stroke of plates that start and stop smoothly takes 1/(1 − RAMP) times as long.
         stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)
         self.speed = shear.compression * self.half / (stroke * (1.0 - RAMP))

@@ -11,12 +11,19 @@ A link breaks for good where
     f_n/f_n⁰ + |f_t/f_t⁰|^α ≥ 1   (force), or   Σ U of both ends of an interface ≥ G_c L  (energy)
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
-from shear_sim.models.soft_particle.pairs import distance_to_segment
 from shear_sim.models.soft_particle.state import BROKEN, Chains, Links
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+
+BISECTIONS = 60
 
 
 @jit
@@ -35,6 +42,26 @@ def displacements(links: Links, x: Floats, y: Floats, after: Ints, q: int) -> tu
 
 
 @jit
+def stored_energy(links: Links, un: float, ut: float) -> float:
+    """Return U [J/m] of a link displaced by ``un`` and ``ut`` [m], Eq. (SP.8)."""
+    opening = max(0.0, un)
+    return 0.5 * (links.law[0] * opening * opening + links.law[1] * ut * ut)
+
+
+@jit
+def cut(links: Links, x: Floats, y: Floats, after: Ints, q: int, energy: Floats) -> None:
+    """Break link ``q``.
+
+    What it loses is the work of a force that is gone at the end of the step: half of it, over all
+    the way.
+    """
+    un, ut = displacements(links, x, y, after, q)
+    links.lost[q] = 0.5 * (links.pull[q] * max(0.0, un) + links.shear[q] * ut)
+    links.intact[q] = 0
+    energy[BROKEN] += links.lost[q]
+
+
+@jit
 def link_forces(
     links: Links, x: Floats, y: Floats, after: Ints, fx: Floats, fy: Floats, energy: Floats
 ) -> None:
@@ -44,25 +71,21 @@ def link_forces(
         if links.intact[q] == 0:
             continue
         un, ut = displacements(links, x, y, after, q)
-        un = max(0.0, un)
         other = q
-        if toughness > 0.0 and links.intact[links.brother[q]] == 1:
-            other = links.brother[q]
-        stored = 0.5 * (normal * un * un + tangential * ut * ut)
-        # The work of a force that is gone at the end of the step: half of it, over all the way.
-        lost = 0.5 * (links.pull[q] * un + links.shear[q] * ut)
         if toughness > 0.0:
-            if other != q:
+            stored = stored_energy(links, un, ut)
+            if links.intact[links.brother[q]] == 1 and links.brother[q] != q:
+                other = links.brother[q]
                 un, ut = displacements(links, x, y, after, other)
-                un = max(0.0, un)
-                stored += 0.5 * (normal * un * un + tangential * ut * ut)
-                lost += 0.5 * (links.pull[other] * un + links.shear[other] * ut)
+                stored += stored_energy(links, un, ut)
             broken = stored >= toughness * links.length[q]
         else:
-            broken = normal * un / fn0 + np.abs(tangential * ut / ft0) ** exponent >= 1.0
+            pulled = normal * max(0.0, un) / fn0
+            broken = pulled + np.abs(tangential * ut / ft0) ** exponent >= 1.0
         if broken:
-            energy[BROKEN] += lost
-            links.intact[q] = links.intact[other] = 0
+            cut(links, x, y, after, q, energy)
+            if other != q:
+                cut(links, x, y, after, other, energy)
 
     for q in range(links.vertex.shape[0]):
         if links.intact[q] == 0:
@@ -100,16 +123,38 @@ def link_energy(links: Links, x: Floats, y: Floats, after: Ints) -> float:
     for q in range(links.vertex.shape[0]):
         if links.intact[q] == 1:
             un, ut = displacements(links, x, y, after, q)
-            total += 0.5 * (links.law[0] * max(0.0, un) ** 2 + links.law[1] * ut * ut)
+            total += stored_energy(links, un, ut)
     return total
+
+
+def energy_at_criterion(links: Links) -> FloatArray:
+    """Return the energy (L,) [J/m] at which each broken link should have broken; 0 of the others.
+
+    Its last forces, scaled until they fulfil the criterion just so: W₀ = f_n⁰²/2k_n where it was
+    pulled alone. By the criterion of energies, its share of G_c L.
+    """
+    normal, tangential, fn0, ft0, exponent, toughness = links.law
+    stored = 0.5 * (links.pull**2 / normal + links.shear**2 / tangential)
+    broken = (links.intact == 0) & (stored > 0.0)
+    if toughness > 0.0:
+        alone = links.brother == np.arange(len(stored))
+        both = stored + np.where(alone, 0.0, stored[links.brother])
+        scale = toughness * links.length / np.where(broken, both, 1.0)
+        return np.where(broken, scale * stored, 0.0)
+    pulled = np.where(broken, links.pull / fn0, 1.0)
+    sheared = np.where(broken, np.abs(links.shear / ft0), 1.0)
+    low, high = np.zeros(len(stored)), 1.0 / np.maximum(pulled, sheared)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        beyond = middle * pulled + (middle * sheared) ** exponent >= 1.0
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    return np.where(broken, high**2 * stored, 0.0)
 
 
 def no_links() -> Links:
     """Return links that are none."""
     none, nothing = np.zeros(0, np.int32), np.zeros(0)
-    return Links(
-        none, none, none, none, nothing, nothing, nothing, nothing, nothing, nothing, np.ones(6)
-    )
+    return Links(none, none, none, none, *[nothing] * 7, np.ones(6))
 
 
 def glue(
@@ -120,6 +165,7 @@ def glue(
     *,
     normal: float,
     tangential: float,
+    between: Sequence[tuple[int, int]] | None = None,
     strength: tuple[float, float] = (1.0, 1.0),
     exponent: float = 2.0,
     toughness: float = 0.0,
@@ -132,6 +178,8 @@ def glue(
         Largest gap between two surfaces that are glued [m].
     normal, tangential : float
         k_n and k_t of a link [N/m²].
+    between : sequence of (int, int), optional
+        Chains to be linked, two and two; default: all that are near.
     strength : (float, float)
         f_n⁰ and f_t⁰ [N/m].
     exponent : float
@@ -142,35 +190,14 @@ def glue(
     Raises
     ------
     ValueError
-        If no two chains are near.
+        If no two chains are near, or two of ``between`` are not.
     """
-    near: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for p in range(len(chains.closed)):
-        mine = np.arange(chains.start[p], chains.start[p + 1])
-        reached = reach + chains.radius[p] + chains.radius.max()
-        box = (
-            (x > x[mine].min() - reached) & (x < x[mine].max() + reached)
-            & (y > y[mine].min() - reached) & (y < y[mine].max() + reached)
-        )  # fmt: skip
-        box[mine] = False
-        for v in map(int, np.flatnonzero(box)):
-            other = int(chains.chain[v])
-            touch = chains.radius[p] + chains.radius[other] + reach
-            bars = mine[chains.after[mine] >= 0]
-            ends = chains.after[bars]
-            gap = np.array(
-                [
-                    distance_to_segment(x[v], y[v], x[a], y[a], x[b], y[b])
-                    for a, b in zip(bars, ends, strict=True)
-                ]
-            )
-            # Off a corner two segments are as near: the one that v faces is meant.
-            ex, ey = x[ends] - x[bars], y[ends] - y[bars]
-            faced = np.abs((x[v] - x[bars]) * ey - (y[v] - y[bars]) * ex) / np.hypot(ex, ey)
-            best = int(np.where(gap <= gap.min() * (1 + 1e-6), faced, -1.0).argmax())
-            if gap[best] <= touch:
-                pair = (min(p, other), max(p, other))
-                near.setdefault(pair, []).append((v, int(bars[best])))
+    near = _near(chains, x, y, reach)
+    if between is not None:
+        near = {pair: near.get(pair, []) for pair in map(_ordered, between)}
+        for pair, found in near.items():
+            if not found:
+                raise ValueError(_apart(chains, x, y, pair, reach))
     if not near:
         msg = f"no two particles are within {reach:g} m of each other: nothing to glue"
         raise ValueError(msg)
@@ -182,9 +209,10 @@ def glue(
         far = np.hypot(x[at][:, None] - x[at], y[at][:, None] - y[at])
         one, last = np.unravel_index(int(far.argmax()), far.shape)
         if one == last:
+            v, k = found[one]
             brother.append(len(chosen))
-            chosen.append(found[one])
-            length.append(2.0 * reach)
+            chosen.append((v, k))
+            length.append(float(chains.rest_length[k]))
             continue
         brother += [len(chosen) + 1, len(chosen)]
         chosen += [found[one], found[last]]
@@ -196,20 +224,72 @@ def glue(
     share = ((x[vertex] - x[segment]) * ex + (y[vertex] - y[segment]) * ey) / square
     share = np.clip(share, 0.0, 1.0)
     law = np.array([normal, tangential, *strength, exponent, toughness])
-    none = np.zeros((4, len(vertex)))
+    count = len(vertex)
     links = Links(
-        vertex,
-        segment,
-        np.array(brother, np.int32),
-        np.ones(len(vertex), np.int32),
-        share,
-        none[0],
-        none[1],
-        np.array(length),
-        none[2],
-        none[3],
-        law,
-    )
-    for q in range(len(vertex)):
+        vertex, segment, np.array(brother, np.int32), np.ones(count, np.int32), share,
+        np.zeros(count), np.zeros(count), np.array(length), *np.zeros((3, count)), law,
+    )  # fmt: skip
+    for q in range(count):
         links.across[q], links.along[q] = displacements(links, x, y, chains.after, q)
     return links
+
+
+def _ordered(pair: tuple[int, int]) -> tuple[int, int]:
+    return min(pair), max(pair)
+
+
+def _near(
+    chains: Chains, x: Floats, y: Floats, reach: float
+) -> dict[tuple[int, int], list[tuple[int, int]]]:
+    """Return for every two chains within ``reach`` the vertices there, each with its segment."""
+    near: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for p in range(len(chains.closed)):
+        mine = np.arange(chains.start[p], chains.start[p + 1])
+        reached = reach + chains.radius[p] + chains.radius.max()
+        box = (
+            (x > x[mine].min() - reached) & (x < x[mine].max() + reached)
+            & (y > y[mine].min() - reached) & (y < y[mine].max() + reached)
+        )  # fmt: skip
+        box[mine] = False
+        who = np.flatnonzero(box)
+        bars = mine[chains.after[mine] >= 0]
+        gap, faced = _distances(x, y, who, bars, chains.after[bars])
+        # Off a corner two segments are as near: the one that v faces is meant.
+        nearest = gap.min(axis=1, keepdims=True)
+        best = np.where(gap <= nearest * (1 + 1e-6), faced, -1.0).argmax(axis=1)
+        touch = chains.radius[p] + chains.radius[chains.chain[who]] + reach
+        for at in np.flatnonzero(nearest[:, 0] <= touch):
+            v = int(who[at])
+            pair = _ordered((p, int(chains.chain[v])))
+            near.setdefault(pair, []).append((v, int(bars[best[at]])))
+    return near
+
+
+def _distances(
+    x: Floats, y: Floats, who: IndexArray, bars: IndexArray, ends: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the distances (n, m) [m] of vertices from segments, and from the lines of these."""
+    ex, ey = x[ends] - x[bars], y[ends] - y[bars]
+    square = ex**2 + ey**2
+    qx, qy = x[who][:, None] - x[bars], y[who][:, None] - y[bars]
+    along = np.clip((qx * ex + qy * ey) / square, 0.0, 1.0)
+    distance = np.hypot(qx - along * ex, qy - along * ey)
+    return np.asarray(distance), np.asarray(np.abs(qx * ey - qy * ex) / np.sqrt(square))
+
+
+def _apart(chains: Chains, x: Floats, y: Floats, pair: tuple[int, int], reach: float) -> str:
+    """Return why two chains cannot be linked."""
+    who = f"particles {pair[0]} and {pair[1]} cannot be linked"
+    if not 0 <= pair[0] < pair[1] < len(chains.closed):
+        return f"{who}: they must be two of the {len(chains.closed)} there are, from 0 on"
+    gap = np.inf
+    for one, other in (pair, pair[::-1]):
+        bars = np.arange(chains.start[one], chains.start[one + 1])
+        bars = bars[chains.after[bars] >= 0]
+        theirs = np.arange(chains.start[other], chains.start[other + 1])
+        gap = min(gap, float(_distances(x, y, theirs, bars, chains.after[bars])[0].min()))
+    gap -= float(chains.radius[pair[0]] + chains.radius[pair[1]])
+    return (
+        f"{who}: there is a gap of {gap:.3g} m between them, and only neighbours within {reach:.3g}"
+        " m of each other have an interface"
+    )

@@ -22,10 +22,10 @@ class SoftParticlePacking(Section):
         PERCENT,
     ] = 0.0
     preparation: Annotated[
-        Literal["discs", "gravity"],
+        Literal["discs", "gravity", "tissue"],
         Field(
             description="of a box. discs: the densest random packing of discs without friction. "
-            "gravity: rings that fell into it"
+            "gravity: rings that fell into it. tissue: the cells of these discs, which fill it"
         ),
     ] = "discs"
     vertices: Annotated[
@@ -42,6 +42,35 @@ class SoftParticlePacking(Section):
             message = "has no effect on a single ring"
             if any(keys.values()):
                 raise Impossible([((key, "particles"), message) for key in keys if keys[key]])
+        return self
+
+
+class SoftLinks(Section):
+    """Cohesive links at the two ends of every interface of a tissue, which break for good."""
+
+    strength: Annotated[
+        float | None,
+        Field(gt=0, description="f_n⁰ R²/EI, f_n/f_n⁰ + |f_t/f_t⁰|^α = 1 breaks; null: by energy"),
+    ] = 1.0
+    shear_strength: Annotated[Positive, Field(description="f_t⁰ / f_n⁰")] = 1.0
+    exponent: Annotated[float, Field(ge=1, le=10, description="α")] = 2.0
+    toughness: Annotated[
+        float | None,
+        Field(gt=0, description="G_c R²/EI instead: Σ U of both links of an interface = G_c L"),
+    ] = None
+    stiffness: Annotated[float, Field(gt=0, le=10, description="k_n of links / of contacts")] = 0.1
+    tangential_stiffness: Annotated[
+        float, Field(gt=0, le=10, description="k_t of links / k_n of contacts")
+    ] = 0.1
+
+    @model_validator(mode="after")
+    def _break_by_one_criterion(self) -> Self:
+        if (self.strength is None) == (self.toughness is None):
+            message = (
+                "links break by their strength or by their toughness: give one, and null for the "
+                "other"
+            )
+            raise Impossible([(("toughness", "strength"), message)])
         return self
 
 
@@ -88,6 +117,10 @@ class SoftParticle(Section):
         float,
         Field(ge=0, le=2, description="of a vertex / (m ω₁), ω₁ the slowest vibration of a ring"),
     ] = 0.1
+    links: Annotated[
+        SoftLinks | None,
+        Field(exclude_if=lambda value: value is None, description="between cells of a tissue"),
+    ] = None
 
 
 class DiametralCompression(Section):
@@ -104,6 +137,11 @@ class DiametralCompression(Section):
         Field(gt=0, le=0.05, description="ε̇ T₁: compression in one period of the slowest mode"),
     ] = 0.005
     unload: Annotated[bool, Field(description="let the plates part again")] = True
+
+    @property
+    def strokes(self) -> int:
+        """One, or there and back."""
+        return 2 if self.unload else 1
 
 
 class Compaction(Section):
@@ -123,9 +161,32 @@ class Compaction(Section):
     ] = 0.003
     unload: Annotated[bool, Field(description="let the lid go up to where it was")] = True
 
+    @property
+    def strokes(self) -> int:
+        """One, or there and back."""
+        return 2 if self.unload else 1
+
+
+class Tension(Section):
+    """A tissue between two grips, of which the upper one goes up at a constant speed."""
+
+    kind: Literal["tension"]
+    strain: Annotated[
+        float, Field(gt=0, le=3, description="ε = ln(H/H₀) reached, H: between the grips"), PERCENT
+    ] = 0.3
+    relative_rate: Annotated[
+        float,
+        Field(gt=0, le=0.05, description="ε̇ T₁ at the start: strain in one period of a ring's"),
+    ] = 0.002
+
+    @property
+    def strokes(self) -> int:
+        """One: there is no way back."""
+        return 1
+
 
 SoftParticleShear = Annotated[
-    DiametralCompression | Compaction,
+    DiametralCompression | Compaction | Tension,
     Field(discriminator="kind"),
     default_kind("diametral_compression"),
 ]
@@ -149,7 +210,7 @@ class SoftParticleRecord(Section):
             ge=10,
             le=100_000,
             description="records; default 200 in diametral compression, 100 in compaction; twice "
-            "that if unloaded",
+            "that if unloaded; 400 in tension",
         ),
     ] = None
     snapshots: Snapshots = None
@@ -171,28 +232,49 @@ class SoftParticlePoint(Point):
 
     def resolved(self) -> Self:
         """Return the point with its number of records filled in."""
-        one_way = 100 if isinstance(self.shear, Compaction) else 200
-        rows = self.record.rows or one_way * (2 if self.shear.unload else 1)
+        one_way = {"diametral_compression": 200, "compaction": 100, "tension": 400}
+        rows = self.record.rows or one_way[self.shear.kind] * self.shear.strokes
         record = self.record.model_copy(update={"rows": rows})
         return self.model_copy(update={"record": record})
 
     @model_validator(mode="after")
     def _keep_snapshots_within_the_run(self) -> Self:
-        strokes = 2 if self.shear.unload else 1
+        strokes = self.shear.strokes
         rows = self.resolved().record.rows or 0
         check_snapshots(self.record.snapshots, 0.0, strokes, rows / strokes)
         return self
 
     @model_validator(mode="after")
     def _one_ring_or_a_box(self) -> Self:
-        boxed = isinstance(self.shear, Compaction)
+        boxed = self.shear.kind != "diametral_compression"
         if boxed != (self.packing.particles > 1):
             message = (
-                "a compaction needs a box of rings, and only it: packing.particles = 500, say"
+                f"a {self.shear.kind} needs a box of particles, and only it: packing.particles = "
+                "500, say"
                 if boxed
-                else "a box of rings needs shear.kind: compaction"
+                else "a box of rings needs shear.kind: compaction (or tension, of a tissue)"
             )
             raise Impossible([(("packing.particles", "shear.kind"), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _pull_linked_tissues(self) -> Self:
+        pulled = isinstance(self.shear, Tension)
+        tissue = self.packing.preparation == "tissue"
+        if pulled != tissue:
+            message = (
+                "only a tissue can be pulled: packing.preparation = tissue"
+                if pulled
+                else "a tissue needs shear.kind: tension"
+            )
+            raise Impossible([(("packing.preparation", "shear.kind"), message)])
+        if pulled != (self.model.links is not None):
+            message = (
+                "a tissue without links falls apart: model.links = {strength: 1}, say"
+                if pulled
+                else "only a tissue has links: leave them out, or shear.kind = tension"
+            )
+            raise Impossible([(("model.links", "shear.kind"), message)])
         return self
 
     @model_validator(mode="after")

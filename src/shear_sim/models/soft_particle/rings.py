@@ -1,10 +1,16 @@
-"""The rings of a study: what they are made of, and the scales that results are measured in."""
+"""The particles of a study: what they are made of, and the scales that results are measured in."""
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
 from shear_sim.models.soft_particle.parameters import SoftParticle
+from shear_sim.models.soft_particle.system import System
+
+FloatArray = NDArray[np.float64]
 
 SLOWEST = 36.0 / 5.0  # ω₁² ρ_l R⁴/EI of a ring
 
@@ -48,17 +54,23 @@ def scales(model: SoftParticle, vertices: int, radius: float) -> Scales:
 
 
 def ring_body(model: SoftParticle, vertices: int, mean: float, radius: float | None = None) -> Body:
-    """Return a ring at rest around the origin.
+    """Return a ring at rest around the origin; ``radius``: its own [m], by default the mean one."""
+    points = ring_points(vertices, mean if radius is None else radius)
+    return body(model, vertices, mean, points)
+
+
+def body(model: SoftParticle, vertices: int, mean: float, points: FloatArray) -> Body:
+    """Return a particle at rest in the shape of ``points``.
 
     Parameters
     ----------
     vertices : int
-        N.
+        N of the mean ring.
     mean : float
-        Radius of the mid-line [m] that the numbers of ``model`` are relative to.
-    radius : float, optional
-        The ring's own [m], by default the mean one. Shells of all sizes are of the same thickness
-        and material, cores and the masses of vertices the same.
+        Its radius of the mid-line [m], that the numbers of ``model`` are relative to. Shells of all
+        sizes are of the same thickness and material, cores and the masses of vertices the same.
+    points : (n, 2)
+        Vertices [m].
     """
     unit = scales(model, vertices, mean)
     thickness = model.thickness * mean
@@ -74,5 +86,15 @@ def ring_body(model: SoftParticle, vertices: int, mean: float, radius: float | N
         model.inner_damping * unit.mass * unit.frequency,
     )
     core = Core() if model.core_ratio == 0.0 else Core(model.core, unit.core_modulus)
-    points = ring_points(vertices, mean if radius is None else radius)
     return Body(points, True, 0.5 * thickness, unit.mass, shell, core)
+
+
+def shapes(system: System) -> tuple[float, float]:
+    """Return the area of all particles [m²], with their shells, and their mean circularity."""
+    chains, motion = system.chains, system.motion
+    sides = np.hypot(motion.x[chains.after] - motion.x, motion.y[chains.after] - motion.y)
+    perimeter = np.add.reduceat(sides, chains.start[:-1])
+    area = np.array([system.area(p) for p in range(len(chains.closed))])
+    r = chains.radius
+    solid = float((area + perimeter * r + math.pi * r**2).sum())
+    return solid, float((4.0 * math.pi * area / perimeter**2).mean())

@@ -17,7 +17,9 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticlePacking,
     SoftParticlePoint,
     SoftParticleRecord,
+    Tension,
 )
+from shear_sim.models.soft_particle.tension import Puller
 from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
@@ -28,11 +30,13 @@ class SoftParticleSimulation:
     def __init__(self, point: SoftParticlePoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear
-        self.run: Diametral | Compactor = (
-            Compactor(self.point, shear, streams)
-            if isinstance(shear, Compaction)
-            else Diametral(self.point, shear)
-        )
+        self.run: Diametral | Compactor | Puller
+        if isinstance(shear, Compaction):
+            self.run = Compactor(self.point, shear, streams)
+        elif isinstance(shear, Tension):
+            self.run = Puller(self.point, shear, streams)
+        else:
+            self.run = Diametral(self.point, shear)
         self.done = 0
         self._records: list[dict[str, float]] = []
         self.snapshots: list[Snapshot] = []

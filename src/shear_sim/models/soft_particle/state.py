@@ -127,8 +127,9 @@ class Links(NamedTuple):
     across: Floats  # n·Δ and t·Δ at the start [m]
     along: Floats
     length: Floats  # of the interface [m]
-    pull: Floats  # normal and tangential force of now [N/m]
+    pull: Floats  # normal and tangential force of now, or the last ones [N/m]
     shear: Floats
+    lost: Floats  # energy lost when it broke [J/m]
     law: Floats  # (6,) k_n, k_t [N/m²], f_n⁰, f_t⁰ [N/m], α, G_c [N/m] or 0
 
 

@@ -283,7 +283,7 @@ class System:
         Raises
         ------
         ValueError
-            If none are, or the step is too long with the links.
+            If none are, or two that are to be linked are not, or the step is too long with links.
         """
         self.links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
         highest = (2.0 / self.stable_step) ** 2
@@ -376,14 +376,21 @@ class System:
         square = m.vx**2 + m.vy**2 - 0.25 * dt**2 * (ax**2 + ay**2)
         return rigid + 0.5 * float((mass * square)[loose].sum())
 
-    def stored(self) -> tuple[float, ...]:
-        """Return the energies [J/m] of bars, hinges, cores, normal, tangential springs, links."""
-        parts = np.array(
+    def particle_energies(self) -> FloatArray:
+        """Return the energy (N,) [J/m] stored in bars, hinges and core of each particle."""
+        return self._shell_energies().sum(axis=1)
+
+    def _shell_energies(self) -> FloatArray:
+        return np.array(
             [
                 shell_energy(self.chains, self.motion.x, self.motion.y, p)
                 for p in range(len(self.chains.closed))
             ]
-        ).sum(axis=0)
+        )
+
+    def stored(self) -> tuple[float, ...]:
+        """Return the energies [J/m] of bars, hinges, cores, normal, tangential springs, links."""
+        parts = self._shell_energies().sum(axis=0)
         contact = contact_energy(
             self.chains, self.lists, self.rules, self.motion, self.springs, self.walls
         )

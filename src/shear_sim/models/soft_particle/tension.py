@@ -1,0 +1,207 @@
+"""A tissue between two grips that part: how it is set up, pulled, and what is measured."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.bodies import Body
+from shear_sim.models.soft_particle.links import energy_at_criterion
+from shear_sim.models.soft_particle.packs import touching_discs
+from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint, Tension
+from shear_sim.models.soft_particle.rings import body, scales, shapes
+from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.tissue import outline, tessellation
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+
+NO_GAP = 1e-6  # half thicknesses: a gap that is only rounding
+BROKEN_STRESS = 0.2  # of the largest stress: below, the tissue counts as ruptured
+
+
+class Tissue(NamedTuple):
+    """Cells as they are made, in a box with its corner at the origin."""
+
+    bodies: list[Body]
+    width: float  # [m]
+    height: float
+    sides: int  # between two cells
+
+
+def tissue(point: SoftParticlePoint, rng: np.random.Generator) -> Tissue:
+    """Return the cells of discs that just touch; their mean area is that of the mean ring.
+
+    Raises
+    ------
+    SimulationError
+        If there is no room for the shell in a cell.
+    """
+    model, packing = point.model, point.packing
+    box = touching_discs(packing.particles, packing.spread, rng)
+    outside = packing.radius * (1.0 + 0.5 * model.thickness)
+    scale = outside * math.sqrt(math.pi * packing.particles / (box.width * box.height))
+    width, height = scale * box.width, scale * box.height
+    inset = 0.5 * model.thickness * packing.radius
+    segment = scales(model, packing.vertices, packing.radius).segment
+    try:
+        cells = tessellation(scale * box.x, scale * box.y, scale * box.radius, width, height, inset)
+        outlines = [outline(cell, segment) for cell in cells]
+    except ValueError as error:
+        raise SimulationError(str(error)) from error
+    bodies = [body(model, packing.vertices, packing.radius, points) for points in outlines]
+    sides = sum(int((cell.facing >= 0).sum()) for cell in cells) // 2
+    return Tissue(bodies, width, height, sides)
+
+
+class Puller:
+    """The run: the vertices at the floor are held, those at the lid go up at a constant speed."""
+
+    def __init__(self, point: SoftParticlePoint, shear: Tension, streams: Streams) -> None:
+        model, packing, links = point.model, point.packing, point.model.links
+        assert links is not None  # noqa: S101 - of a tissue, see the validators of the point
+        self.unit = scales(model, packing.vertices, packing.radius)
+        self.radius, self.modulus = packing.radius, model.young_modulus
+        made = tissue(point, streams.generator("discs"))
+        self.width, self.sides = made.width, made.sides
+        self.system = System(
+            made.bodies,
+            stiffness=self.unit.stiffness,
+            friction=model.friction,
+            contact_damping=model.contact_damping,
+            drag=model.drag * self.unit.mass * self.unit.frequency,
+        )
+        half = made.bodies[0].radius
+        self._link(links, NO_GAP * half)
+        motion = self.system.motion
+        self.floor = np.flatnonzero(motion.y < half * (1.0 + NO_GAP))
+        self.lid = np.flatnonzero(motion.y > made.height - half * (1.0 + NO_GAP))
+        self.start = made.height - 2.0 * half
+        self.low = half
+        rows = point.resolved().record.rows or 0
+        self.rows, self.strokes = rows + 1, shear.strokes
+        way = self.start * math.expm1(shear.strain)
+        self.speed = shear.relative_rate * self.start / self.unit.period
+        longest = point.integrator.step * self.system.stable_step
+        each = way / self.speed / rows
+        self.steps = math.ceil(each / longest * (1.0 - 1e-9))
+        self.system.rules = self.system.rules._replace(step=each / self.steps)
+        self.frame = (0.0, 0.0, self.width, made.height + way)
+        # All of it sets out at once: no front runs through the tissue.
+        motion.vy[:] = self.speed * (motion.y - self.low) / self.start
+        self.system.hold(self.floor, vx=0.0, vy=0.0)
+        self.system.hold(self.lid, vx=0.0, vy=self.speed)
+        self.system.begin()
+
+    def _link(self, links: SoftLinks, reach: float) -> None:
+        unit = self.unit
+        force = unit.bending / self.radius**2
+        pull = (links.strength or 0.0) * force
+        self.system.glue(
+            reach,
+            normal=links.stiffness * unit.stiffness,
+            tangential=links.tangential_stiffness * unit.stiffness,
+            strength=(pull, links.shear_strength * pull),
+            exponent=links.exponent,
+            toughness=(links.toughness or 0.0) * force,
+        )
+        made = self.system.links
+        #: W₀ of a link [J/m]: pulled alone; by the criterion of energies, half of an interface's.
+        self.link_energy = (
+            0.5 * pull**2 / float(made.law[0])
+            if links.toughness is None
+            else 0.5 * float(made.law[5]) * float(made.length.mean())
+        )
+
+    def go_on(self) -> None:
+        """Make the steps from one record to the next."""
+        self.system.advance(self.steps)
+
+    def _height(self) -> float:
+        return float(self.system.motion.y[self.lid[0]]) - self.low
+
+    def _bears(self, grip: IndexArray) -> float:
+        """Return the force [N/m] of what is held by ``grip`` on it, upwards."""
+        motion, drag = self.system.motion, self.system.rules.drag
+        return float((motion.fy + motion.dy - drag * motion.py)[grip].sum())
+
+    def record(self) -> dict[str, float]:
+        """Return one record, see ``columns``."""
+        system, links = self.system, self.system.links
+        stress = self._bears(self.lid) / self.width
+        budget = system.budget()
+        cells = system.particle_energies()
+        _, circularity = shapes(system)
+        return ledger(budget) | {
+            "time": system.time,
+            "strain": math.log(self._height() / self.start),
+            "stress_yy": stress,
+            "stress_floor": -self._bears(self.floor) / self.width,
+            "stress_yy_per_modulus": stress / self.modulus,
+            "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
+            "circularity": circularity,
+            "links_broken": float((links.intact == 0).sum()),
+            "mean_cell_energy": float(cells.mean()) / self.link_energy,
+            "largest_cell_energy": float(cells.max()) / self.link_energy,
+            "energy_links": budget.links,
+            "work": budget.by_velocities,
+            "lost_by_breaking": budget.broken,
+            "criterion_energy": float(energy_at_criterion(links).sum()),
+        }
+
+    def preparation(self) -> dict[str, float]:
+        """Return what is to be said of the start."""
+        return {
+            "width": self.width,
+            "height": self.start,
+            "vertices": len(self.system.motion.x),
+            "sides": self.sides,
+            "links": len(self.system.links.vertex),
+            "link_energy": self.link_energy,
+        }
+
+    def measured(self, table: Columns) -> dict[str, float]:
+        """Return what is kept of a whole run."""
+        pull, strain = -table["stress_yy"], table["strain"]
+        peak = int(pull.argmax())
+        work = float(table["work"].max())
+        stored = sum(table[f"energy_{name}"] for name in ("stretch", "bend", "core", "contact"))
+        stored = stored + table["energy_links"]
+        found = {
+            "peak_stress_per_bending": -table["stress_yy_per_bending"][peak],
+            "peak_strain": strain[peak],
+            "links_broken": table["links_broken"][-1],
+            "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
+            "drag_ratio": table["lost_by_drag"][-1] / work,
+            "inertia_ratio": table["energy_kinetic"][peak] / stored[peak],
+        }
+        weak = np.flatnonzero(pull[peak:] < BROKEN_STRESS * pull[peak])
+        if len(weak):
+            found["rupture_strain"] = strain[peak + weak[0]]
+        if table["links_broken"][-1] > 0:
+            balance = table["lost_by_breaking"][-1] / table["criterion_energy"][-1]
+            found["breaking_error"] = abs(balance - 1.0)
+            found["crack_share"] = self.crack_share()
+        return {name: float(value) for name, value in found.items()}
+
+    def pieces(self) -> IndexArray:
+        """Return the number of the piece, held together by links, of each particle (N,)."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        links, chain = self.system.links, self.system.chains.chain
+        count = len(self.system.chains.closed)
+        one, other = chain[links.vertex], chain[links.segment]
+        whole = links.intact == 1
+        graph = coo_array((whole[whole], (one[whole], other[whole])), shape=(count, count))
+        return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+    def crack_share(self) -> float:
+        """Return the share of broken links whose ends are in two pieces now: those of cracks."""
+        links, chain = self.system.links, self.system.chains.chain
+        piece = self.pieces()
+        apart = piece[chain[links.vertex]] != piece[chain[links.segment]]
+        return float(apart[links.intact == 0].mean())

@@ -696,6 +696,7 @@ def test_reading_a_study_is_light():
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
         ("soft_particle_compaction", 4, 4),
+        ("soft_tissue", 2, 2),
         ("particleshear", 840, 840),
     ],
 )
@@ -729,6 +730,7 @@ def test_every_config_file_is_tested():
         "hard_disc",
         "soft_particle_ring",
         "soft_particle_compaction",
+        "soft_tissue",
         "particleshear",
     }
 

@@ -82,6 +82,7 @@ class Colour(StrEnum):
     pressure = "pressure"
     spin = "spin"
     displacement = "displacement"
+    energy = "energy"
 
 
 class Contacts(StrEnum):

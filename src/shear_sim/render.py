@@ -96,12 +96,13 @@ def write_picture(
     Raises
     ------
     ResultsError
-        If there is no snapshot of this number.
+        If there is no snapshot of this number, or nothing that ``colour`` means.
     """
     count = len(kept.snapshots)
     if not -count <= number < count:
         msg = f"{kept.path}: no snapshot {number}: there are {count}, from 0 to {count - 1}"
         raise ResultsError(msg)
+    _check_colour(kept, colour)
     with _stage(kept, colour, contacts) as stage:
         stage.show(number % count)
         style.save_as(stage.figure, path)
@@ -110,10 +111,17 @@ def write_picture(
 def write_film(
     kept: Kept, path: Path, colour: str = "particle", contacts: str | None = None
 ) -> None:
-    """Write all snapshots as an animated GIF, one frame each; see `write_picture`."""
+    """Write all snapshots as an animated GIF, one frame each; see `write_picture`.
+
+    Raises
+    ------
+    ResultsError
+        If there is nothing that ``colour`` means.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
+    _check_colour(kept, colour)
     with _stage(kept, colour, contacts) as stage:
         stage.figure.set_dpi(FILM_DPI)
         canvas = FigureCanvasAgg(stage.figure)
@@ -141,6 +149,15 @@ def write_film(
     )
     first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
     first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+
+
+def _check_colour(kept: Kept, colour: str) -> None:
+    if colour == "energy" and kept.snapshots[0].energy is None:
+        msg = (
+            f"{kept.path}: has kept no energies of its particles, which only soft ones do: another "
+            "--colour"
+        )
+        raise ResultsError(msg)
 
 
 class _Stage:
@@ -206,6 +223,9 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
             columns["compression"],
         )
     strain = columns["strain"]
+    if protocol["kind"] == "tension":
+        pull = (-columns["stress_yy"], "tensile stress [Pa]")
+        return [pull, (columns["links_broken"], "links broken")], ("strain", strain)
     stress = _first_of(
         columns,
         scaled_shear_stress="shear stress $\\sigma\\xi_0/\\dot\\gamma$",
@@ -229,7 +249,7 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
 
 def _unit(kept: Kept, colour: str) -> str:
     scaled = "scaled_pressure" in kept.table.columns
-    return {"pressure": "" if scaled else "Pa", "spin": "1/s"}.get(colour, "")
+    return {"pressure": "" if scaled else "Pa", "spin": "1/s", "energy": "J/m"}.get(colour, "")
 
 
 def _first_of(columns: Columns, **labels: str) -> list[tuple[FloatArray, str]]:

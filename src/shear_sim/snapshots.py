@@ -2,7 +2,7 @@
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links as bonds, the number of the linked cluster as ``body``, and in ``log``
-the spin of the particles and strain and stress of the record. The table has every contact in full
+the spin of the particles (of soft ones also the energy), strain and stress of the record. The table has every contact in full
 precision. Both are written whole; the table holds the checksum of the other file.
 """
 
@@ -31,7 +31,7 @@ FIELDS = (
     ("y", "m", "the same"),
     ("normal", "N/m", "force that pushes i and j apart (hard discs: path rate / ξ₀)"),
     ("tangential", "N/m", "force on j along (−y, x) / distance"),
-    ("kind", "", "link, contact (it holds) or sliding"),
+    ("kind", "", "link, contact (it holds), sliding, or cohesive (a link between shells)"),
 )
 #: Columns of a result that a frame repeats, as far as there are such.
 LOGGED = ("time", "strain", "compression", "shear_stress", "pressure", "force")
@@ -127,6 +127,8 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     made.bonds.group = np.column_stack([snapshot.i[links], snapshot.j[links]]).astype(np.uint32)
     made.log = {name: np.array([value], np.float64) for name, value in log.items()}
     made.log["particles/spin"] = snapshot.spin
+    if snapshot.energy is not None:
+        made.log["particles/energy"] = snapshot.energy
     made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
     if len(snapshot.walls):
         made.log["walls"] = snapshot.walls
@@ -195,6 +197,7 @@ def read_snapshots(folder: Path, job: str) -> list[Snapshot]:
                 i=part["i"], j=part["j"], separation=np.column_stack([part["x"], part["y"]]),
                 normal=part["normal"], tangential=part["tangential"], kind=kind[first:end],
                 walls=each.log.get("walls", np.zeros((0, 3))),
+                energy=each.log.get("particles/energy"),
             )  # fmt: skip
             found.append(snapshot)
     return found

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from soft_particles import angular_momentum, chain, forces, momentum, ring, slope, system
 
+from shear_sim.models.soft_particle.links import energy_at_criterion
 from shear_sim.models.soft_particle.system import Wall
 
 
@@ -130,6 +131,76 @@ def test_nothing_to_glue():
     s = system(ring(), ring(x=5.0))
     with pytest.raises(ValueError, match="nothing to glue"):
         s.glue(0.1, normal=1.0, tangential=1.0)
+
+
+def three_squares(gap):
+    """The first two just touch, the third is ``gap`` away from the second."""
+    places = (0.0, 2.1, 4.2 + gap)
+    return system(*(ring(points=square(x), thickness=0.1) for x in places))
+
+
+def test_links_between_given_particles():
+    s = three_squares(0.0)
+    s.glue(0.01, normal=0.1, tangential=0.1, between=[(2, 1)])
+    assert len(s.links.vertex) == 2
+    assert {*s.chains.chain[s.links.vertex], *s.chains.chain[s.links.segment]} == {1, 2}
+
+
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        ((0, 2), "particles 0 and 2 cannot be linked: there is a gap of 2.15 m between them"),
+        ((2, 1), "particles 1 and 2 cannot be linked: there is a gap of 0.05 m between them"),
+        ((1, 1), "must be two of the 3"),
+        ((1, 3), "must be two of the 3"),
+    ],
+)
+def test_links_between_particles_that_are_no_neighbours(pair, message):
+    s = three_squares(0.05)
+    with pytest.raises(ValueError, match=message):
+        s.glue(1e-6, normal=0.1, tangential=0.1, between=[(0, 1), pair])
+    assert len(s.links.vertex) == 0
+
+
+def test_one_link_where_one_vertex_faces_the_other():
+    """The corner of a square turned by 45 degrees at the middle of a side: a link without brother."""
+    turned = square() @ np.array([[1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2)
+    one = ring(points=square(cuts=3), thickness=0.1)
+    other = ring(points=turned + [1.0 + np.sqrt(2) + 0.1, 0.0], thickness=0.1)
+    s = system(one, other)
+    s.glue(1e-6, normal=0.1, tangential=0.1, toughness=1e-4)
+    assert list(s.links.brother) == [0]
+    assert s.links.length == pytest.approx([2 / 3])
+
+
+def test_a_single_link_is_lost_with_the_energy_of_its_strength():
+    """W₀ = (f_n⁰)²/2k_n to a millionth: pulled slowly from just under its strength."""
+    s = glued(strength=(0.004, 9.0))
+    opening = 0.004 / 0.1
+    s.motion.x[8:] += opening * (1 - 1e-4)
+    s.hold(np.arange(8), vx=0.0, vy=0.0)
+    s.hold(np.arange(8, 16), vx=2e-7 * opening / s.rules.step, vy=0.0)
+    s.begin()
+    s.advance(1000)
+    assert list(s.links.intact) == [0, 0]
+    assert s.links.lost == pytest.approx(2 * [0.004**2 / (2 * 0.1)], rel=1e-6)
+    assert energy_at_criterion(s.links) == pytest.approx(2 * [0.004**2 / (2 * 0.1)], rel=1e-9)
+
+
+def test_energy_where_a_link_meets_its_criterion():
+    """a λ + b² λ² = 1 for α = 2, in closed form; the share of G_c L of each of two brothers."""
+    links = glued().links._replace(intact=np.zeros(2, np.int32))
+    links.law[2:5] = 0.4, 0.3, 2.0
+    links.pull[:], links.shear[:] = [0.2, 0.0], [0.15, -0.2]
+    a, b = links.pull / 0.4, links.shear / 0.3
+    scale = (np.sqrt(a**2 + 4 * b**2) - a) / (2 * b**2)
+    stored = 0.5 * (links.pull**2 / 0.1 + links.shear**2 / 0.05)
+    assert energy_at_criterion(links) == pytest.approx(scale**2 * stored, rel=1e-12)
+    links.law[5] = 1e-3
+    expected = stored / stored.sum() * 1e-3 * links.length
+    assert energy_at_criterion(links) == pytest.approx(expected, rel=1e-12)
+    whole = links._replace(intact=np.ones(2, np.int32))
+    assert list(energy_at_criterion(whole)) == [0.0, 0.0]
 
 
 def rigid_pair(friction):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.models.interface import COHESIVE, CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.snapshots import clusters
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-COLOURS = ("particle", "pressure", "spin", "displacement")
+COLOURS = ("particle", "pressure", "spin", "displacement", "energy")
 CONTACTS = ("state", "force", "none")
 
 # Tints that letters and lines are seen on; neighbours get different ones.
@@ -41,6 +41,7 @@ _TITLES = {
     "pressure": "pressure of a particle",
     "spin": "spin",
     "displacement": "non-affine displacement\n[mean diameters]",
+    "energy": "elastic energy of a particle",
 }
 
 
@@ -119,6 +120,8 @@ class Scene:
         return min(max(of_diameter * self.diameter, 0.25), 2.5)
 
     def _readable(self, first: Snapshot) -> str:
+        if (first.kind == COHESIVE).any():
+            return "none"  # a crack is seen by its gap
         held = self._shell or any((s.kind != CONTACT).any() for s in self.snapshots)
         return "state" if held and first.periodic and self.diameter >= _SMALL_DISC else "force"
 
@@ -131,6 +134,8 @@ class Scene:
             return [particle_pressure(s) for s in self.snapshots]
         if self.colour == "spin":
             return [s.spin for s in self.snapshots]
+        if self.colour == "energy":
+            return [s.energy for s in self.snapshots if s.energy is not None]
         if self.colour == "displacement":
             size = 2 * float(first.radius.mean())
             return [
@@ -150,7 +155,8 @@ class Scene:
             made = np.asarray(self._map(share), np.float64)
         else:
             made = to_rgba_array(self._tints)
-        made[snapshot.fixed] = to_rgba_array(_FIXED)
+        if not self._shell:  # of which only some vertices are held
+            made[snapshot.fixed] = to_rgba_array(_FIXED)
         if self.contacts == "force" and not self._values:
             made[:, :3] = 1 - 0.55 * (1 - made[:, :3])
         return made
@@ -163,7 +169,7 @@ class Scene:
 
         name, low, high = {
             "pressure": ("YlOrBr", 0.0, 0.72), "spin": ("RdBu", 0.12, 0.88),
-            "displacement": ("YlGnBu", 0.0, 0.75),
+            "displacement": ("YlGnBu", 0.0, 0.75), "energy": ("YlOrBr", 0.0, 0.72),
         }[self.colour]  # fmt: skip
         return ListedColormap(colormaps[name](np.linspace(low, high, 256)))
 
@@ -271,7 +277,7 @@ class Scene:
         if self.contacts == "none":
             return
         if self.contacts == "state":
-            colours = to_rgba_array([_INTERFACE, _HOLDS, _SLIDES])
+            colours = to_rgba_array([_INTERFACE, _HOLDS, _SLIDES, _INTERFACE])
             faces = interfaces(s)
             there = np.ptp(faces, axis=1).any(axis=1)
             segments = place[s.i[there], None] + faces[there]

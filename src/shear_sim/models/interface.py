@@ -23,8 +23,8 @@ class Column(NamedTuple):
 
 
 #: What holds two particles apart or together: ``Snapshot.kind`` counts through them.
-CONTACT_KINDS = ("link", "contact", "sliding")
-LINK, CONTACT, SLIDING = range(3)
+CONTACT_KINDS = ("link", "contact", "sliding", "cohesive")
+LINK, CONTACT, SLIDING, COHESIVE = range(4)  # a cohesive link is between two particles made of links
 
 
 class Snapshot(NamedTuple):
@@ -50,8 +50,9 @@ class Snapshot(NamedTuple):
     separation: NDArray[np.float64]  # (C, 2) from i to the image of j that it meets
     normal: NDArray[np.float64]
     tangential: NDArray[np.float64]
-    kind: NDArray[np.int8]  # of CONTACT_KINDS; only links may pull
+    kind: NDArray[np.int8]  # of CONTACT_KINDS; only links may pull, cohesive ones too
     walls: NDArray[np.float64]  # (W, 3) n_x, n_y, position: the half-plane n·x < position
+    energy: NDArray[np.float64] | None = None  # (N,) stored in the particle that it is a vertex of
 
 
 class Simulation(Protocol):

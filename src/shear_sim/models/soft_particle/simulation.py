@@ -55,8 +55,10 @@ class SoftParticleSimulation:
                 self.run.go_on()
             self._records.append(self.run.record())
             if self.done in self._kept():
-                frame = self.run.frame
-                self.snapshots.append(snapshots.take(self.run.system, self.done, frame))
+                run = self.run
+                grips = run.grips() if isinstance(run, Puller) else None
+                taken = snapshots.take(run.system, self.done, run.frame, grips)
+                self.snapshots.append(taken)
             self.done += 1
 
     def _kept(self) -> tuple[int, ...]:

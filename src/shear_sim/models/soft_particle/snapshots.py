@@ -1,14 +1,19 @@
 """What a system of soft particles looks like now: vertices, bars, and what touches what."""
 
+import itertools
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.models.interface import COHESIVE, CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.models.soft_particle.contacts import corner, side
 from shear_sim.models.soft_particle.state import LAST
 from shear_sim.models.soft_particle.system import System
+
+FloatArray = NDArray[np.float64]
 
 STICKS = 1.0 - 1e-9  # of Coulomb's bound: what a sliding contact reaches
 
@@ -25,12 +30,18 @@ class _Contact(NamedTuple):
     kind: int
 
 
-def take(system: System, row: int, frame: tuple[float, float, float, float]) -> Snapshot:
+def take(
+    system: System,
+    row: int,
+    frame: tuple[float, float, float, float],
+    planes: FloatArray | None = None,
+) -> Snapshot:
     """Return the snapshot of record ``row``.
 
     Bars are links with their tension and the shear force of their moments. Forces are those of
     springs, without dashpots. The contacts of a vertex with a chain are with the vertices that end
-    the segments which it faces; friction goes with the segment that its spring is kept at.
+    the segments which it faces; friction goes with the segment that its spring is kept at. A
+    cohesive link is with the nearer end of its segment.
 
     Parameters
     ----------
@@ -39,13 +50,17 @@ def take(system: System, row: int, frame: tuple[float, float, float, float]) -> 
         Number of the record.
     frame : (left, bottom, width, height)
         What a picture shows [m].
+    planes : (W, 3), optional
+        Walls to draw: unit normals and positions; by default those of ``system``.
     """
     chains, motion, walls = system.chains, system.motion, system.walls
-    rows = np.array([*_bars(system), *_between_chains(system), *_with_walls(system)])
+    found = (_bars(system), _links(system), _between_chains(system), _with_walls(system))
+    rows = np.array([*itertools.chain(*found)])
     i, j, dx, dy, normal, tangential, kind = rows.reshape(-1, len(_Contact._fields)).T
     left, bottom, width, height = frame
-    at = walls.position - left * walls.nx - bottom * walls.ny
-    planes = np.column_stack([walls.nx, walls.ny, at])
+    if planes is None:
+        planes = np.column_stack([walls.nx, walls.ny, walls.position])
+    planes = planes - np.outer(planes[:, :2] @ [left, bottom], [0.0, 0.0, 1.0])
     return Snapshot(
         row=row, width=width, height=height, offset=0.0, periodic=False,
         position=np.column_stack([motion.x - left, motion.y - bottom]),
@@ -56,6 +71,7 @@ def take(system: System, row: int, frame: tuple[float, float, float, float]) -> 
         i=i.astype(np.int32), j=j.astype(np.int32), separation=np.column_stack([dx, dy]),
         normal=normal.copy(), tangential=tangential.copy(), kind=kind.astype(np.int8),
         walls=planes,
+        energy=system.particle_energies()[chains.chain],
     )  # fmt: skip
 
 
@@ -67,6 +83,22 @@ def _bars(system: System) -> Iterator[_Contact]:
             # A bar takes the difference of the moments at its ends as a couple.
             couple = float(chains.moment[k] - chains.moment[j]) / float(np.hypot(dx, dy))
             yield _Contact(k, j, dx, dy, -float(chains.tension[k]), -couple, LINK)
+
+
+def _links(system: System) -> Iterator[_Contact]:
+    chains, motion, links = system.chains, system.motion, system.links
+    for q in np.flatnonzero(links.intact).tolist():
+        v, k = int(links.vertex[q]), int(links.segment[q])
+        after = int(chains.after[k])
+        tx, ty = float(motion.x[after] - motion.x[k]), float(motion.y[after] - motion.y[k])
+        pull, shear = float(links.pull[q]), float(links.shear[q])
+        # On the point of the segment; its own normal and tangent are not those of the end.
+        fx, fy = pull * ty + shear * tx, -pull * tx + shear * ty
+        j = after if links.share[q] > 0.5 else k
+        dx, dy = float(motion.x[j] - motion.x[v]), float(motion.y[j] - motion.y[v])
+        over = 1.0 / (math.hypot(tx, ty) * math.hypot(dx, dy))
+        normal, along = (fx * dx + fy * dy) * over, (fy * dx - fx * dy) * over
+        yield _Contact(v, j, dx, dy, normal, along, COHESIVE)
 
 
 def _between_chains(system: System) -> Iterator[_Contact]:

@@ -152,6 +152,10 @@ class Puller:
             "criterion_energy": float(energy_at_criterion(links).sum()),
         }
 
+    def grips(self) -> FloatArray:
+        """Return the grips (2, 3) as walls in a picture."""
+        return np.array([[0.0, 1.0, 0.0], [0.0, -1.0, -(self._height() + 2.0 * self.low)]])
+
     def preparation(self) -> dict[str, float]:
         """Return what is to be said of the start."""
         return {
@@ -184,24 +188,35 @@ class Puller:
         if table["links_broken"][-1] > 0:
             balance = table["lost_by_breaking"][-1] / table["criterion_energy"][-1]
             found["breaking_error"] = abs(balance - 1.0)
-            found["crack_share"] = self.crack_share()
+            found["crack_share"], found["crack_span"] = self.crack()
         return {name: float(value) for name, value in found.items()}
 
     def pieces(self) -> IndexArray:
-        """Return the number of the piece, held together by links, of each particle (N,)."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
+        """Return the number of the piece, held together by links, of each cell (N,)."""
         links, chain = self.system.links, self.system.chains.chain
-        count = len(self.system.chains.closed)
-        one, other = chain[links.vertex], chain[links.segment]
         whole = links.intact == 1
-        graph = coo_array((whole[whole], (one[whole], other[whole])), shape=(count, count))
-        return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+        cells = len(self.system.chains.closed)
+        return _connected(chain[links.vertex[whole]], chain[links.segment[whole]], cells)
 
-    def crack_share(self) -> float:
-        """Return the share of broken links whose ends are in two pieces now: those of cracks."""
+    def crack(self) -> tuple[float, float]:
+        """Return the share of the broken links that are of the largest crack, and its span.
+
+        Links that broke at one cell are of one crack; the span is in x, over the width.
+        """
         links, chain = self.system.links, self.system.chains.chain
-        piece = self.pieces()
-        apart = piece[chain[links.vertex]] != piece[chain[links.segment]]
-        return float(apart[links.intact == 0].mean())
+        broken = np.flatnonzero(links.intact == 0)
+        one, other = chain[links.vertex[broken]], chain[links.segment[broken]]
+        crack = _connected(one, other, len(self.system.chains.closed))[one]
+        largest = crack == np.bincount(crack).argmax()
+        x = np.concatenate([self.system.motion.x[self.system.chains.chain == cell]
+                            for cell in {*one[largest], *other[largest]}])  # fmt: skip
+        return float(largest.mean()), float(np.ptp(x)) / self.width
+
+
+def _connected(one: IndexArray, other: IndexArray, count: int) -> IndexArray:
+    """Return the number of the cluster (N,) of each of ``count`` nodes that edges connect."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)

@@ -2,8 +2,9 @@
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links as bonds, the number of the linked cluster as ``body``, and in ``log``
-the spin of the particles (of soft ones also the energy), strain and stress of the record. The table has every contact in full
-precision. Both are written whole; the table holds the checksum of the other file.
+the spin of the particles (of soft ones also the energy), strain and stress of the record. The table
+has every contact in full precision. Both are written whole; the table holds the checksum of the
+other file.
 """
 
 import hashlib

@@ -163,10 +163,10 @@ def test_links_between_particles_that_are_no_neighbours(pair, message):
 
 
 def test_one_link_where_one_vertex_faces_the_other():
-    """The corner of a square turned by 45 degrees at the middle of a side: a link without brother."""
+    """The corner of a square turned by 45 degrees at the middle of a side: no brother."""
     turned = square() @ np.array([[1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2)
     one = ring(points=square(cuts=3), thickness=0.1)
-    other = ring(points=turned + [1.0 + np.sqrt(2) + 0.1, 0.0], thickness=0.1)
+    other = ring(points=turned + np.array([1.0 + np.sqrt(2) + 0.1, 0.0]), thickness=0.1)
     s = system(one, other)
     s.glue(1e-6, normal=0.1, tangential=0.1, toughness=1e-4)
     assert list(s.links.brother) == [0]

@@ -49,7 +49,7 @@ def test_every_point_is_in_the_cell_of_the_least_power_distance(discs):
 
 
 def test_sides_are_those_of_the_lifted_convex_hull(discs):
-    """The power diagram is the lower hull of (x, y, x² + y² − r²), here with images in the walls."""
+    """The lower hull of (x, y, x² + y² − r²), here with images in the walls."""
     x, y, r = discs.x, discs.y, discs.radius
     images = [(x, y), (-x, y), (2 * discs.width - x, y), (x, -y), (x, 2 * discs.height - y)]
     points = np.concatenate([np.column_stack(each) for each in images])
@@ -97,7 +97,7 @@ def test_vertices_lie_on_the_sides(discs):
 
 
 def test_a_short_side_becomes_a_corner():
-    """Of a square of side 2 whose corner is cut off by 0.1: the longer side bends, not the other."""
+    """Of a rectangle whose corner is cut off by 0.1: the longer side bends, not the other."""
     corners = np.array([(0, 0), (2, 0), (2, 1.5), (1.9, 1.6), (0, 1.6)])
     points = outline(Cell(corners, np.arange(5)), 0.5)
     assert (points == [2.0, 1.5]).all(axis=1).any()
@@ -108,5 +108,5 @@ def test_a_short_side_becomes_a_corner():
 
 def test_a_cell_that_is_too_small():
     corners = np.array([(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1)])
-    with pytest.raises(ValueError, match="fewer than 3 sides of 0.25 m"):
+    with pytest.raises(ValueError, match="fewer than 3 sides"):
         outline(Cell(corners, np.arange(4)), 0.5)

@@ -22,9 +22,10 @@ class Column(NamedTuple):
     description: str
 
 
-#: What holds two particles apart or together: ``Snapshot.kind`` counts through them.
+#: What holds two particles apart or together: ``Snapshot.kind`` counts through them. Shells are made
+#: of links; a cohesive one is between two shells.
 CONTACT_KINDS = ("link", "contact", "sliding", "cohesive")
-LINK, CONTACT, SLIDING, COHESIVE = range(4)  # a cohesive link is between two particles made of links
+LINK, CONTACT, SLIDING, COHESIVE = range(4)
 
 
 class Snapshot(NamedTuple):

@@ -73,8 +73,7 @@ MEASURED = tuple(
         ("solid_share_at_unit", "1", "ΔV_s/ΔV of loading at σ = σ*"),
         ("compressibility_index", "1", "C = −de/dlog₁₀σ of loading, by a line through σ/σ* > 0.03"),
         ("unloaded_void_ratio", "1", "e when the lid is free again"),
-        ("inertia_ratio", "1", "largest kinetic energy / stored energy, where σ/σ* > 0.03; in "
-         "tension at the largest stress"),
+        ("inertia_ratio", "1", "kinetic / stored energy: largest for σ/σ* > 0.03; at peak_strain"),
         ("peak_stress_per_bending", "1", "largest tensile σ R²/k_b; σ/σ* is twice that"),
         ("peak_strain", "1", "ε there"),
         ("rupture_strain", "1", "ε after it where a fifth of the stress is left"),

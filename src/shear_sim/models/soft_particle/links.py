@@ -45,7 +45,7 @@ def displacements(links: Links, x: Floats, y: Floats, after: Ints, q: int) -> tu
 def stored_energy(links: Links, un: float, ut: float) -> float:
     """Return U [J/m] of a link displaced by ``un`` and ``ut`` [m], Eq. (SP.8)."""
     opening = max(0.0, un)
-    return 0.5 * (links.law[0] * opening * opening + links.law[1] * ut * ut)
+    return float(0.5 * (links.law[0] * opening * opening + links.law[1] * ut * ut))
 
 
 @jit
@@ -153,8 +153,8 @@ def energy_at_criterion(links: Links) -> FloatArray:
 
 def no_links() -> Links:
     """Return links that are none."""
-    none, nothing = np.zeros(0, np.int32), np.zeros(0)
-    return Links(none, none, none, none, *[nothing] * 7, np.ones(6))
+    none, nothing = np.zeros((4, 0), np.int32), np.zeros((7, 0))
+    return Links(*none, *nothing, np.ones(6))
 
 
 def glue(
@@ -225,9 +225,10 @@ def glue(
     share = np.clip(share, 0.0, 1.0)
     law = np.array([normal, tangential, *strength, exponent, toughness])
     count = len(vertex)
+    none = np.zeros((5, count))
     links = Links(
         vertex, segment, np.array(brother, np.int32), np.ones(count, np.int32), share,
-        np.zeros(count), np.zeros(count), np.array(length), *np.zeros((3, count)), law,
+        none[0], none[1], np.array(length), none[2], none[3], none[4], law,
     )  # fmt: skip
     for q in range(count):
         links.across[q], links.along[q] = displacements(links, x, y, chains.after, q)
@@ -266,7 +267,7 @@ def _near(
 
 
 def _distances(
-    x: Floats, y: Floats, who: IndexArray, bars: IndexArray, ends: IndexArray
+    x: Floats, y: Floats, who: IndexArray, bars: IndexArray, ends: Ints
 ) -> tuple[FloatArray, FloatArray]:
     """Return the distances (n, m) [m] of vertices from segments, and from the lines of these."""
     ex, ey = x[ends] - x[bars], y[ends] - y[bars]

@@ -378,7 +378,7 @@ class System:
 
     def particle_energies(self) -> FloatArray:
         """Return the energy (N,) [J/m] stored in bars, hinges and core of each particle."""
-        return self._shell_energies().sum(axis=1)
+        return np.asarray(self._shell_energies().sum(axis=1))
 
     def _shell_energies(self) -> FloatArray:
         return np.array(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.cell import Ints
 from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.models.soft_particle.bodies import Body
 from shear_sim.models.soft_particle.links import energy_at_criterion
@@ -213,7 +214,7 @@ class Puller:
         return float(largest.mean()), float(np.ptp(x)) / self.width
 
 
-def _connected(one: IndexArray, other: IndexArray, count: int) -> IndexArray:
+def _connected(one: Ints, other: Ints, count: int) -> IndexArray:
     """Return the number of the cluster (N,) of each of ``count`` nodes that edges connect."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

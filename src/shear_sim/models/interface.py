@@ -22,8 +22,8 @@ class Column(NamedTuple):
     description: str
 
 
-#: What holds two particles apart or together: ``Snapshot.kind`` counts through them. Shells are made
-#: of links; a cohesive one is between two shells.
+#: What holds two particles apart or together: ``Snapshot.kind`` counts through them. Shells are
+#: made of links; a cohesive one is between two shells.
 CONTACT_KINDS = ("link", "contact", "sliding", "cohesive")
 LINK, CONTACT, SLIDING, COHESIVE = range(4)
 

@@ -153,8 +153,11 @@ def energy_at_criterion(links: Links) -> FloatArray:
 
 def no_links() -> Links:
     """Return links that are none."""
-    none, nothing = np.zeros((4, 0), np.int32), np.zeros((7, 0))
-    return Links(*none, *nothing, np.ones(6))
+    none, nothing = np.zeros(0, np.int32), np.zeros(0)
+    return Links(
+        none, none, none, none,
+        nothing, nothing, nothing, nothing, nothing, nothing, nothing, np.ones(6),
+    )  # fmt: skip
 
 
 def glue(

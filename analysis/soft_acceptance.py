@@ -1,10 +1,11 @@
 """Every target of soft particles, with what is measured: one command, one table.
 
-.venv/bin/python analysis/soft_acceptance.py results/soft_particle_compaction
+.venv/bin/python analysis/soft_acceptance.py results/soft_particle_compaction results/soft_tissue
 
 Prints a table in Markdown (kept in analysis/soft_acceptance.md). Single rings are run here (some
-minutes); packs are read from the results of `configs/soft_particle_compaction.yaml`; where a target
-is an invariant, its test is run. What is not there yet is listed as open.
+minutes); packs and tissues are read from the results of `configs/soft_particle_compaction.yaml`
+and `configs/soft_tissue.yaml`; where a target is an invariant, its test is run. What is not there
+yet is listed as open.
 """
 
 import argparse
@@ -17,6 +18,7 @@ import numpy as np
 from soft_compaction import ELASTIC_INDEX, GOALS, KINDS, kind
 from soft_diametral import AT, ELASTICA, ONSET, YIELD, averaged, compress
 from soft_speed import STEPS, least, packed
+from soft_tissue import goals, read_tissues
 
 from shear_sim.results import read_job
 
@@ -33,11 +35,11 @@ TESTS = {
     "links, rigid particles": "test_links_and_rigid.py",
     "guards: passing through, inside out, folded, crushed": "test_contacts.py -k stops",
     "bad input": "-k impossible or refused or unstable or none_are or bodies",
+    "tissue: tessellation, links, energies": "-k tissue or tension or link",
     "restart to the bit": "-k same_bits",
 }
 OPEN = (
     "oscillatory shear of a suspension (plates, periodic cell)",
-    "tensile fracture of a tissue of 400 cells",
     "1.7 times on two threads",
 )
 
@@ -143,14 +145,17 @@ def invariants() -> Iterator[tuple[str, bool, str]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path, help="results of the compaction study")
-    results = parser.parse_args().results
+    parser.add_argument("tissues", type=Path, help="results of the study of tissues")
+    given = parser.parse_args()
     print("# What soft particles must do, and do\n")
     print("| what | target | measured | |")
     print("| --- | --- | --- | --- |")
     for what, passed, last in invariants():
         row(what, "tests pass", last.strip("= "), passed)
     single_rings()
-    packs(results)
+    packs(given.results)
+    for line in goals(read_tissues(given.tissues)):
+        row(*line)
     speed()
     for what in OPEN:
         row(what, "", "not made yet", None)

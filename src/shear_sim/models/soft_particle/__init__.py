@@ -40,8 +40,13 @@ elastica, that is a ring with flat contacts bears at their two ends and nowhere 
 (31), (34), F = F* L_c/ℓ, and the plateaus of its figures 16 and 18 do not follow from the model.
 A plastic one follows DeRuntz & Hodge.
 
+**Tissues.** Cells that fill a box, the Laguerre–Voronoi tessellation of discs, Eq. (SP.11) of
+``tissue``, linked at the ends of their interfaces, Eq. (SP.8) of ``links``, and pulled by grips.
+Links pull but never push, which contacts do: where paper (39) lets pressure strengthen a link
+against shear, here it breaks at |f_t| = f_t⁰.
+
 Reading order: ``parameters``, ``diametral``, ``system``, ``motion``, ``kernels``, ``contacts``,
-``friction``.
+``friction``; then ``compaction``, ``tension``.
 """
 
 from collections.abc import Sequence
@@ -67,7 +72,7 @@ __all__ = [
 
 
 def start(point: SoftParticlePoint, streams: Streams) -> Simulation:
-    """Prepare a simulation: a ring that touches two plates, or a box of rings."""
+    """Prepare a simulation: a ring that touches two plates, a box of rings, or a tissue."""
     from shear_sim.models.soft_particle.simulation import SoftParticleSimulation  # loads Numba
 
     return SoftParticleSimulation(point, streams)

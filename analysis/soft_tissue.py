@@ -1,0 +1,254 @@
+r"""Tensile fracture of a tissue of soft cells: goals with what is measured, curves and snapshots.
+
+shear-sim sweep configs/soft_tissue.yaml
+.venv/bin/python analysis/soft_tissue.py results/soft_tissue analysis/figures/soft_tissue.png
+
+Prints tables in Markdown (kept in analysis/soft_tissue.md). The figure is beside figures 30 to 34
+of the paper. Links at their break are those of a tissue of 30 cells, pulled here (ten seconds).
+"""
+
+import argparse
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import COHESIVE, Snapshot
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
+from shear_sim.models.soft_particle.simulation import SoftParticleSimulation
+from shear_sim.render import Kept, read_kept
+from shear_sim.snapshots import clusters
+from shear_sim.streams import Streams
+
+FloatArray = NDArray[np.float64]
+
+KINDS = ("elastic", "plastic")
+CELLS = 30  # of the small tissue
+HIGH = 0.7  # of the largest stress: on the plateau
+LOW = 0.3  # of the largest stress: where a tissue is still elastic
+DROP = 0.02  # of the largest stress: what counts as a fall of it
+FULL = {"elastic": 4.0, "plastic": 0.4}  # W/W₀ at the end of the colours
+
+
+class Curve(NamedTuple):
+    """Tensile stress against strain."""
+
+    strain: FloatArray
+    stress: FloatArray
+    measured: dict[str, float]
+
+    @property
+    def peak(self) -> int:
+        """Record of the largest stress."""
+        return int(self.stress.argmax())
+
+    def initial(self) -> float:
+        """Slope of the line through what is before `LOW` of the peak."""
+        end = int(np.argmax(self.stress > LOW * self.stress[self.peak]))
+        part = slice(0, max(end, 3))
+        return float(np.polyfit(self.strain[part], self.stress[part], 1)[0])
+
+    def plateau(self) -> tuple[float, float, float]:
+        """First and last strain of `HIGH` of the peak, and the slope of the line between."""
+        high = np.flatnonzero(self.stress > HIGH * self.stress[self.peak])
+        part = slice(high[0], high[-1] + 1)
+        slope = float(np.polyfit(self.strain[part], self.stress[part], 1)[0])
+        return float(self.strain[high[0]]), float(self.strain[high[-1]]), slope
+
+    def drops(self) -> FloatArray:
+        """Falls of the stress, each from a maximum to the next minimum, over the largest stress."""
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(self.stress)))) + 1
+        levels = self.stress[np.concatenate([[0], turns, [len(self.stress) - 1]])]
+        falls = -np.diff(levels) / self.stress[self.peak]
+        return np.asarray(falls[falls > DROP])
+
+
+def curve(kept: Kept) -> Curve:
+    columns = kept.table.columns
+    measured = kept.table.summary["measured"]
+    return Curve(columns["strain"], -columns["stress_yy_per_bending"], measured)
+
+
+def goals(jobs: dict[str, Kept]) -> Iterator[tuple[str, str, str, bool]]:
+    """Yield what is asked for, the goal, what is measured, and whether that holds."""
+    curves = {name: curve(kept) for name, kept in jobs.items()}
+    elastic, plastic = curves["elastic"], curves["plastic"]
+    rupture = {name: each.measured.get("rupture_strain", np.inf) for name, each in curves.items()}
+    late = rupture["elastic"] / elastic.measured["peak_strain"] - 1
+    yield ("elastic tissue: further strain until a fifth of the stress is left", "25 %",
+           f"{100 * late:.0f} % of that at the peak", late <= 0.25)  # fmt: skip
+    share, span = elastic.measured["crack_share"], elastic.measured["crack_span"]
+    yield ("elastic tissue: broken links that are of the largest crack", "70 %",
+           f"{100 * share:.0f} %", share > 0.7)  # fmt: skip
+    yield "elastic tissue: its span / width", "1", f"{span:.2f}", span > 0.95
+    ratio = rupture["plastic"] / rupture["elastic"]
+    found = f"{rupture['plastic']:.2g}/{rupture['elastic']:.2g} = {ratio:.2g}"
+    yield "rupture strain of a plastic / an elastic tissue", "3", found, ratio >= 3
+    first, last, slope = plastic.plateau()
+    flat = abs(slope) / plastic.initial()
+    yield (f"plastic tissue: slope for ε = {first:.2g} to {last:.2g} / at the start", "10 %",
+           f"{100 * flat:.1f} %", flat < 0.1)  # fmt: skip
+    drops = plastic.drops()
+    half = len(drops) // 2
+    early, later = drops[:half].mean(), drops[half:].mean()
+    yield ("plastic tissue: mean fall of the stress, earlier and later half of falls", "grow",
+           f"{100 * early:.0f} %, {100 * later:.0f} % of the peak", later > early)  # fmt: skip
+    for name, each in curves.items():
+        missing = each.measured["energy_missing_ratio"]
+        yield f"{name} tissue: energy missing / work", "1e-4", f"{missing:.1e}", missing < 1e-4
+        error = each.measured["breaking_error"]
+        yield (f"{name} tissue: energy lost with links against that of their criterion", "1e-2",
+               f"{error:.1e}", error < 1e-2)  # fmt: skip
+
+
+def report(jobs: dict[str, Kept]) -> None:
+    made = jobs["elastic"].table.summary["preparation"]
+    print(
+        f"{made['vertices']:.0f} vertices, {made['sides']:.0f} sides between two cells, "
+        f"{made['links']:.0f} links.\n"
+    )
+    heads = ("", "σ R²/k_b, largest", "at ε", "W/W₀ there: mean, largest", "links broken then",
+             "in the end", "work done / W₀", "CPU s")  # fmt: skip
+    print("| " + " | ".join(heads) + " |")
+    print("| --- " * len(heads) + "|")
+    for name, kept in jobs.items():
+        m, table, unit = curve(kept).measured, kept.table.columns, made["link_energy"]
+        peak = curve(kept).peak
+        cells = [
+            name, f"{m['peak_stress_per_bending']:.3g}", f"{m['peak_strain']:.3g}",
+            f"{table['mean_cell_energy'][peak]:.2g}, {table['largest_cell_energy'][peak]:.2g}",
+            f"{table['links_broken'][peak]:.0f}", f"{m['links_broken']:.0f}",
+            f"{table['work'][-1] / unit:.0f}", f"{kept.table.summary['run']['cpu_s']:.0f}",
+        ]  # fmt: skip
+        print("| " + " | ".join(cells) + " |")
+    print("\n| what | goal | measured | |")
+    print("| --- | --- | --- | --- |")
+    for what, goal, found, holds in goals(jobs):
+        print(f"| {what} | {goal} | {found} | {'holds' if holds else '**misses**'} |")
+
+
+def outlines(s: Snapshot) -> tuple[list[FloatArray], FloatArray]:
+    """Return the corners and the energy of each cell."""
+    cell = clusters(s)
+    start = np.concatenate([[0], np.flatnonzero(np.diff(cell)) + 1, [len(cell)]])
+    assert s.energy is not None
+    return [s.position[a:b] for a, b in itertools.pairwise(start)], s.energy[start[:-1]]
+
+
+def links(s: Snapshot) -> set[tuple[int, int]]:
+    held = s.kind == COHESIVE
+    return set(zip(s.i[held].tolist(), s.j[held].tolist(), strict=True))
+
+
+def draw_cells(axis: Axes, kept: Kept, number: int, name: str, height: float) -> PolyCollection:
+    s, unit = kept.snapshots[number], kept.table.summary["preparation"]["link_energy"]
+    polygons, energy = outlines(s)
+    drawn = PolyCollection(
+        polygons, array=energy / unit, cmap="YlOrRd", edgecolors="0.25", linewidths=0.25
+    )
+    drawn.set_clim(0.0, FULL[name])
+    axis.add_collection(drawn)
+    gone = np.array(sorted(links(kept.snapshots[0]) - links(s)), int).reshape(-1, 2)
+    radius = kept.table.summary["parameters"]["packing"]["radius"]
+    near = np.hypot(*(s.position[gone[:, 0]] - s.position[gone[:, 1]]).T) < 0.5 * radius
+    axis.add_collection(LineCollection(list(s.position[gone[near]]), colors="C0", linewidths=0.9))
+    for nx, ny, position in s.walls:
+        assert nx == 0
+        axis.plot([0, s.width], 2 * [ny * position], color="0.1", lw=1.5)
+    strain = kept.strain[number]
+    axis.set_title(f"{name}, ε = {strain:.3f}" if strain else f"{name}, at the start", fontsize=7)
+    axis.set(xlim=(-0.04 * s.width, 1.04 * s.width), ylim=(-0.02 * height, 1.02 * height))
+    axis.set(aspect="equal")
+    axis.set_axis_off()
+    return drawn
+
+
+def breaking_forces(kept: Kept) -> tuple[FloatArray, FloatArray]:
+    """Return the forces (n, 2) / strengths of links at their break, and of whole ones at last."""
+    given: dict[str, Any] = {
+        key: dict(value) for key, value in kept.table.summary["parameters"].items()
+        if key != "record"
+    }  # fmt: skip
+    given["packing"] |= {"particles": CELLS}
+    given["shear"] |= {"strain": 0.05, "relative_rate": 0.002}
+    run = SoftParticleSimulation(SoftParticlePoint.model_validate(given), Streams(1, 0))
+    run.advance(100_000)
+    made = run.run.system.links
+    forces = np.column_stack([made.pull / made.law[2], made.shear / made.law[3]])
+    return forces[made.intact == 0], forces[made.intact == 1]
+
+
+def draw(path: str, jobs: dict[str, Kept]) -> None:
+    figure, axes = plt.subplots(
+        2, 4, figsize=(7.2, 4.5), layout="constrained", width_ratios=(1, 1, 1, 1.25)
+    )
+    for line, (name, kept) in zip(axes, jobs.items(), strict=True):
+        shape = curve(kept)
+        strain = kept.strain
+        shown = (
+            int(np.abs(strain - 0.95 * shape.measured["peak_strain"]).argmin()),
+            int(np.abs(strain - shape.measured.get("rupture_strain", strain[-1])).argmin()),
+            len(strain) - 1,
+        )
+        height = float(kept.snapshots[-1].walls[:, 2].min()) * -1
+        for axis, number in zip(line, shown, strict=False):
+            drawn = draw_cells(axis, kept, number, name, height)
+        bar = figure.colorbar(
+            drawn, ax=line[:3], location="bottom", shrink=0.5, aspect=40, pad=0.01
+        )
+        bar.set_label("elastic energy of a cell / $W_0$", fontsize=7)
+        bar.ax.tick_params(labelsize=6)
+    axis = axes[0, 3]
+    for color, (name, kept) in zip(("C3", "C0"), jobs.items(), strict=True):
+        shape = curve(kept)
+        axis.plot(shape.strain, shape.stress / shape.stress.max(), color=color, lw=0.8, label=name)
+    axis.axhline(0, color="0.7", lw=0.5)
+    axis.set(xlabel="strain ε", ylabel="tensile stress / largest")
+    axis.legend(frameon=False, fontsize=7)
+    axis = axes[1, 3]
+    broken, whole = breaking_forces(jobs["elastic"])
+    along = np.linspace(-1, 1, 200)
+    axis.plot(along, 1 - along**2, color="0.3", lw=0.8)
+    axis.plot(whole[:, 1], whole[:, 0], ".", color="0.7", ms=2, label="whole")
+    axis.plot(broken[:, 1], broken[:, 0], "o", color="C3", ms=3, mfc="none", label="at its break")
+    axis.set(xlabel="$f_t/f_t^0$", ylabel="pull $f_n/f_n^0$", ylim=(-0.05, 1.25))
+    axis.legend(frameon=False, fontsize=7, loc="upper right", ncols=2, handletextpad=0.1)
+    for axis in axes[:, 3]:
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.tick_params(labelsize=6)
+        axis.xaxis.label.set_size(7)
+        axis.yaxis.label.set_size(7)
+    figure.savefig(path, dpi=200)
+
+
+def read_tissues(results: Path) -> dict[str, Kept]:
+    """Return the jobs of the study by `KINDS`."""
+    jobs = {}
+    for path in sorted((results / "jobs").glob("*.parquet")):
+        kept = read_kept(path)
+        plastic = kept.table.summary["parameters"]["model"].get("yield_moment") is not None
+        jobs[KINDS[plastic]] = kept
+    return {name: jobs[name] for name in KINDS}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("results", type=Path, help="results folder of the study")
+    parser.add_argument("figure", help="path of the figure")
+    given = parser.parse_args()
+    jobs = read_tissues(given.results)
+    report(jobs)
+    draw(given.figure, jobs)
+
+
+if __name__ == "__main__":
+    main()

@@ -268,6 +268,42 @@ def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(tmp_path):
     assert strain.max() == pytest.approx(0.05)
 
 
+TISSUE = """
+packing: {vertices: 16, particles: 9, preparation: tissue}
+model: {kind: soft_particle, thickness: 0.15, links: {strength: 1}}
+shear: {kind: tension, strain: 0.02, relative_rate: 0.02}
+record: {rows: 20, snapshots: [0, 1]}
+seed: 1
+"""
+
+
+def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
+    (tmp_path / "study.yaml").write_text(TISSUE)
+    (tmp_path / "jobs").mkdir()
+    [job] = load_study(tmp_path / "study.yaml").jobs()
+    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+    render.write_picture(kept, tmp_path / "tissue.png", -1, "energy")
+    with Image.open(tmp_path / "tissue.png") as image:
+        assert image.size[0] > 1500
+    drawn = scene(kept.snapshots, colour="energy")
+    assert drawn.contacts == "none"
+    drawn.show(1)
+    assert len(drawn.artists[0].get_paths()) == 9
+    assert len(np.unique(drawn.artists[0].get_facecolor(), axis=0)) == 9
+    [(stress, label), (broken, _)], (against, strain) = render._curves(kept)
+    assert (label, against) == ("tensile stress [Pa]", "strain")
+    assert np.array_equal(stress, -kept.table.columns["stress_yy"])
+    assert np.array_equal(broken, kept.table.columns["links_broken"])
+    assert strain[-1] == pytest.approx(0.02)
+
+
+def test_only_soft_particles_have_energies(jobs, tmp_path):
+    for way in ([], ["--film"]):
+        shown = call(jobs, jobs["kept"], "--colour", "energy", *way)
+        assert shown.exit_code == 2
+        assert "no energies of its particles" in shown.stderr
+
+
 def test_a_film_has_a_frame_for_each_snapshot(jobs, tmp_path):
     path = tmp_path / "film.gif"
     shown = call(jobs, jobs["kept"], "--film", "--colour", "pressure", "--out", path)

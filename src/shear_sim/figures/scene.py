@@ -41,7 +41,7 @@ _TITLES = {
     "pressure": "pressure of a particle",
     "spin": "spin",
     "displacement": "non-affine displacement\n[mean diameters]",
-    "energy": "elastic energy of a particle",
+    "energy": "elastic energy\nof a particle",
 }
 
 
@@ -182,7 +182,8 @@ class Scene:
         mappable = ScalarMappable(Normalize(*self._scale), self._map)
         bar = Colorbar(axis, mappable, orientation="horizontal")
         text = _TITLES[self.colour]
-        bar.set_label(text if "[" in text or not unit else f"{text} [{unit}]")
+        # To the left: a power of ten may stand at the right.
+        bar.set_label(text if "[" in text or not unit else f"{text} [{unit}]", loc="left")
         bar.outline.set_visible(False)
 
     @property

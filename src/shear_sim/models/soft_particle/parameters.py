@@ -11,10 +11,10 @@ from shear_sim.schema import PERCENT, Impossible, Positive, Section, default_kin
 
 
 class SoftParticlePacking(Section):
-    """Which particles there are: one ring, or a box of them."""
+    """Which particles there are: one ring, a box of them, or a tissue."""
 
     particles: Annotated[
-        int, Field(ge=1, le=100_000, description="rings; more than one: in a box of rigid walls")
+        int, Field(ge=1, le=100_000, description="rings; more than one: in a box, or of a tissue")
     ] = 1
     spread: Annotated[
         float,
@@ -29,7 +29,7 @@ class SoftParticlePacking(Section):
         ),
     ] = "discs"
     vertices: Annotated[
-        int, Field(ge=8, le=2000, multiple_of=4, description="N of a ring, mass points")
+        int, Field(ge=8, le=2000, multiple_of=4, description="N of a ring; cells have ℓ of it")
     ] = 100
     radius: Annotated[
         float, Field(gt=0, le=10, description="R of the mid-line of the shell, the mean [m]")

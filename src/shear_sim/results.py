@@ -19,6 +19,7 @@ run the same job write the same bytes.
 """
 
 import contextlib
+import itertools
 import json
 import os
 import tempfile
@@ -185,10 +186,9 @@ class Results:
 
     def program(self) -> str | None:
         """Return the program whose runs were imported into this folder; None: they are ours."""
-        with contextlib.suppress(TableError):
-            program: str | None = read_summary(self.plan_file).get("program")
-            return program
-        return None
+        about = self._about()
+        program: str | None = about.get("program") or about.get("run", {}).get("program")
+        return program
 
     def refuse_newer(self) -> None:
         """Refuse to touch what this version does not know.
@@ -198,8 +198,7 @@ class Results:
         ResultsError
             If a newer version of the program has made these results.
         """
-        with contextlib.suppress(TableError):
-            _refuse_newer(self.folder, read_summary(self.plan_file))
+        self._about()
 
     def refuse_others(self) -> None:
         """Refuse to add runs of ours to imported ones, or to those of a newer version.
@@ -207,15 +206,36 @@ class Results:
         Raises
         ------
         ResultsError
-            If the folder holds such runs.
+            If the folder holds such runs, or nothing in it says whether it does.
         """
-        self.refuse_newer()
         if program := self.program():
             msg = (
                 f"{self.folder}: holds runs imported from {program}, to which none of ours are "
                 "added: give --results another folder"
             )
             raise ResultsError(msg)
+        if not self._about() and self.finished():
+            msg = (
+                f"{self.folder}: neither the plan nor any result can be read, so whose runs these "
+                f"are is not known: `shear-sim verify {self.folder} --remove` sets them aside, or "
+                "give --results another folder"
+            )
+            raise ResultsError(msg)
+
+    def _about(self) -> dict[str, Any]:
+        """Return what the plan says of these results, or else any result; {} if none can be read.
+
+        Raises
+        ------
+        ResultsError
+            If a newer version of the program has made them.
+        """
+        for path in itertools.chain([self.plan_file], _listing(self.jobs, ".parquet")):
+            with contextlib.suppress(TableError):
+                summary = read_summary(path)
+                _refuse_newer(path, summary)
+                return summary
+        return {}
 
     def job_file(self, job: str) -> Path:
         """Return where the result of the job with this id lies, or will lie."""

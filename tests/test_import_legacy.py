@@ -391,6 +391,7 @@ def test_other_commands_know_them(old):
     assert "runs of particleShear, imported" in shown
     job = next((old / "jobs").iterdir())
     assert find_job(job.stem[:9], old.parent) == job
+    assert Results(old).command() == "shear-sim import-legacy FILES --out ANOTHER"
     shown = describe_job(read_summary(job))
     assert re.search(r"run:\n +program +particleShear", shown)
     with pytest.raises(ResultsError, match="imported from particleShear, which this program"):

@@ -411,8 +411,7 @@ def verify(
         typer.echo(f"damaged: {problem}{moved}")
     typer.echo(f"{len(of.finished()) + len(damaged) * remove} results, {len(damaged)} damaged")
     if damaged:
-        how = "next: shear-sim sweep STUDY.yaml" if remove else "next: the same with --remove"
-        typer.echo(how)
+        typer.echo(f"next: {of.command() if remove else 'the same with --remove'}")
     raise typer.Exit(1 if damaged else 0)
 
 

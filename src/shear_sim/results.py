@@ -179,10 +179,17 @@ class Results:
         TableError
             If there is no plan or it is damaged.
         """
-        if not self.plan_file.exists():
-            msg = f"{self.plan_file}: no such file: `shear-sim sweep STUDY.yaml` makes it again"
-            raise TableError(msg)
-        return read_arrow(self.plan_file), read_summary(self.plan_file)
+        try:
+            return read_arrow(self.plan_file), read_summary(self.plan_file)
+        except TableError as error:
+            msg = f"{error}: `{self.command()}` makes it"
+            raise TableError(msg) from error
+
+    def command(self) -> str:
+        """Return the command that makes what is missing in this folder."""
+        if self.program():
+            return "shear-sim import-legacy FILES --out ANOTHER"
+        return "shear-sim sweep STUDY.yaml"
 
     def program(self) -> str | None:
         """Return the program whose runs were imported into this folder; None: they are ours."""
@@ -315,7 +322,7 @@ class Results:
             # Somebody else's results may be read-only: then it is read again at the next call.
             with contextlib.suppress(OSError):
                 write_arrow(self.index_file, kept, {"format": INDEX_FORMAT})
-        _warn(damaged)
+        self._warn(damaged)
         return kept.drop_columns(["mtime_ns"])
 
     def damaged(self) -> dict[str, str]:
@@ -348,11 +355,22 @@ class Results:
         found, damaged = [], {}
         for job in jobs:
             try:
-                found.append(read_job_summary(self.job_file(job)))
+                found.append(_summary_of_job(self.job_file(job)))
             except TableError as error:
                 damaged[job] = str(error)
-        _warn(damaged)
+        self._warn(damaged)
         return found
+
+    def _warn(self, damaged: Mapping[str, str]) -> None:
+        """Warn of damaged results, given by job id with what is wrong."""
+        if damaged:
+            warnings.warn(
+                f"{len(damaged)} damaged result file(s) left out, the first: "
+                f"{next(iter(damaged.values()))}; `shear-sim verify {self.folder} --remove` sets "
+                f"them aside, then `{self.command()}` makes them again",
+                RuntimeWarning,
+                stacklevel=3,
+            )
 
     def _kept_index(self) -> "pyarrow.Table":
         """Return the index file, or an empty one where it is missing, damaged or of old format."""
@@ -383,17 +401,6 @@ def remove(folder: Path, names: Iterable[str], suffixes: Iterable[str]) -> None:
     for name in names:
         for suffix in suffixes:
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
-
-
-def _warn(damaged: Mapping[str, str]) -> None:
-    """Warn of damaged results, given by job id with what is wrong."""
-    if damaged:
-        warnings.warn(
-            f"{len(damaged)} damaged result file(s) left out, the first: "
-            f"{next(iter(damaged.values()))}; see `shear-sim verify`",
-            RuntimeWarning,
-            stacklevel=3,
-        )
 
 
 def plan_table(
@@ -455,6 +462,22 @@ def read_failure(path: Path) -> Failure:
         return Failure(path.stem, "error", f"{path} cannot be read ({error})")
 
 
+@contextlib.contextmanager
+def advising(path: Path) -> Iterator[None]:
+    """Say what to do where this result, or what belongs to it, turns out to be damaged."""
+    try:
+        yield
+    except TableError as error:
+        if path.parent.name != "jobs":
+            raise
+        results = Results(path.parents[1])
+        msg = (
+            f"{error}: `shear-sim verify {results.folder} --remove` sets it aside, then "
+            f"`{results.command()}` makes it again"
+        )
+        raise TableError(msg) from error
+
+
 def read_job_summary(path: Path) -> dict[str, Any]:
     """Read the summary of a result file.
 
@@ -465,6 +488,11 @@ def read_job_summary(path: Path) -> dict[str, Any]:
     ResultsError
         If a newer version of the program has made it.
     """
+    with advising(path):
+        return _summary_of_job(path)
+
+
+def _summary_of_job(path: Path) -> dict[str, Any]:
     summary = read_summary(path)
     if not isinstance(summary.get("job"), dict):
         msg = f"{path}: not a result file of a job: those lie in results/<study>/jobs/"
@@ -475,7 +503,7 @@ def read_job_summary(path: Path) -> dict[str, Any]:
 
 def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     """Return the row of one result file; ``stamp`` is its size and time of change."""
-    summary = read_job_summary(path)
+    summary = _summary_of_job(path)
     job = summary["job"]
     if job["id"] != path.stem:
         msg = f"{path}: the result of another job, {job['id']}"
@@ -511,7 +539,8 @@ def read_job(path: Path) -> Table:
     TableError
         If the file is damaged or is not a result of shear-sim.
     """
-    table = Table(read_table(path).columns, read_job_summary(path))
+    with advising(path):
+        table = Table(read_table(path).columns, _summary_of_job(path))
     model = models.model(table.summary["job"]["model"])
     return Table({**table.columns, **model.derive(table.columns)}, table.summary)
 

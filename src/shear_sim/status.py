@@ -20,18 +20,19 @@ WATCH_SECONDS = 10.0
 def read_status(results: Results) -> dict[str, Any]:
     """Return the state of a study, JSON-ready, from one listing and one question to Slurm.
 
-    ``planned`` and ``missing`` are None if the study was never planned in this folder; results
-    that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to
-    200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last hour, and
-    ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if it does not
+    ``planned`` and ``missing`` are None if the plan is missing or damaged; ``problems`` says what
+    to do then. Results that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb``
+    are those of up to 200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last
+    hour, and ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if it does not
     answer. ``program`` is the one whose runs were imported, with no times then, or None.
     """
     stamps = results.stamps()
     failures = results.failures(stamps.keys())
+    problems, planned = [], None
     try:
         planned = set(results.plan()[0].column("job").to_pylist())
-    except TableError:
-        planned = None
+    except TableError as error:
+        problems.append(str(error))
     finished = stamps.keys() if planned is None else stamps.keys() & planned
     of_plan = failures if planned is None else {j: f for j, f in failures.items() if j in planned}
     missing = None if planned is None else len(planned) - len(finished) - len(of_plan)
@@ -41,6 +42,7 @@ def read_status(results: Results) -> dict[str, Any]:
     rate = _rate(changed, time.time())
     return {
         "results": str(results.folder),
+        "problems": problems,
         "program": results.program(),
         "planned": None if planned is None else len(planned),
         "done": len(finished),
@@ -99,6 +101,7 @@ def describe_status(status: Mapping[str, Any]) -> str:
     lines = [f"{status['results']}: {status['done']} of {total} jobs done"]
     if status["missing"] is not None:
         lines[0] += f", {len(status['failed'])} failed, {status['missing']} missing"
+    lines += [f"  {problem}" for problem in status["problems"]]
     if status["program"]:
         lines.append(f"  runs of {status['program']}, imported; {size(status['disk_bytes'])}")
     elif status["measured_jobs"]:
@@ -140,7 +143,7 @@ def watch(results: Results, show: Callable[[str], None]) -> None:
     while True:
         status = read_status(results)
         show(describe_status(status))
-        if not status["missing"]:
+        if status["missing"] == 0:
             return
         time.sleep(WATCH_SECONDS)
 

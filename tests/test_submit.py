@@ -63,19 +63,18 @@ def test_tasks_are_as_long_as_they_should_be(plan, limits):
 
 
 @pytest.mark.parametrize(
-    ("limits", "costs", "tasks", "shortest"),
+    ("usable", "costs", "tasks", "shortest"),
     [
-        (Limits(minutes=30), {1000.0: 40, 1.0: 360}, 40, 1000),
-        (Limits(), {1000.0: 40, 1.0: 360}, 22, 1090),
-        (Limits(minutes=30), {900.0: 362, 1.0: 100}, 362, 900),
-        (Limits(minutes=30), {1500.0: 40, 1.0: 1}, 40, 1500),
-        (Limits(minutes=6), {10.0: 400}, 22, 180),
-        (Limits(minutes=30), {1000.0: 2, 1.0: 2000}, 4, 1000),
-        (Limits(minutes=30), {36000.0: 1, 10.0: 400}, 5, 1000),
+        (1000.0, {1000.0: 40, 1.0: 360}, 40, 1000),
+        (1800.0, {1000.0: 40, 1.0: 360}, 22, 1090),
+        (1000.0, {900.0: 362, 1.0: 100}, 362, 900),
+        (1000.0, {1500.0: 40, 1.0: 1}, 40, 1500),
+        (180.0, {10.0: 400}, 22, 180),
+        (1000.0, {1000.0: 2, 1.0: 2000}, 4, 1000),
+        (1000.0, {36000.0: 1, 10.0: 400}, 5, 1000),
     ],
 )
-def test_tasks_are_not_short_where_costs_differ(limits, costs, tasks, shortest):
-    usable = {30: 1000.0, 6: 180.0}.get(limits.minutes, 1800.0)
+def test_tasks_are_not_short_where_costs_differ(usable, costs, tasks, shortest):
     jobs = [cost for cost, count in costs.items() for _ in range(count)]
     shares = divide({f"{k:05}": cost for k, cost in enumerate(jobs)}, 1000, usable)
     times = [sum(jobs[int(job)] for job in share) for share in shares]
@@ -103,6 +102,21 @@ def test_one_short_study_is_one_task(plan):
     plan.wall_s._sum = {key: value / 1000 for key, value in plan.wall_s._sum.items()}
     layout = lay_out(plan, Limits(), set())
     assert (len(layout.shares), layout.minutes) == (1, 10)
+
+
+@pytest.mark.parametrize("minutes", [5, 6, 10, 20, 60])
+def test_tasks_end_before_the_warning(plan, minutes):
+    """Also where they have to compile first, for half a minute."""
+    plan.wall_s._sum = {key: value * minutes / 120 for key, value in plan.wall_s._sum.items()}
+    layout = lay_out(plan, Limits(minutes=minutes), set())
+    assert max(loads(plan, layout)) <= 60 * minutes - 120 - 30
+
+
+@pytest.mark.parametrize("minutes", [1, 2, 3, 4])
+def test_a_limit_that_the_warning_takes_up_is_refused(plan, fake, minutes):
+    with pytest.raises(PlanError, match=f"--time {minutes}: must be at least 5 minutes"):
+        submit(plan, Limits(minutes=minutes, max_tasks=3), print)
+    assert fake.calls("sbatch") == []
 
 
 def test_a_job_longer_than_the_limit_is_submitted_all_the_same(plan, fake, capsys):
@@ -137,9 +151,9 @@ def test_arrays_stay_below_the_largest_index_and_cover_every_task(plan, fake):
         [(offset, count)] = re.findall(
             r'--shard "\$(?:\(\()?SLURM_ARRAY_TASK_ID(?: \+ (\d+)\)\))?/(\d+)"', script
         )
-        assert count == "8"
+        assert count == "7"
         covered += [int(offset or 0) + i for i in range(int(first), int(last or first) + 1)]
-    assert sorted(covered) == list(range(8))
+    assert sorted(covered) == list(range(7))
     assert numbers == [101, 102, 103]
     assert "#SBATCH --dependency=afterany:101:102" in scripts[2]
     records = slurm.submissions(plan.results)

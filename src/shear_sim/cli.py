@@ -198,7 +198,9 @@ def submit(
     results: Root = RESULTS,
     minutes: Annotated[
         int | None,
-        typer.Option("--time", metavar="MINUTES", min=1, help="Longest time limit of a task."),
+        typer.Option(
+            "--time", metavar="MINUTES", min=1, help="Longest limit of a task; 5 or more."
+        ),
     ] = None,
     max_tasks: Annotated[int | None, typer.Option(min=1, help="Most tasks, of all arrays.")] = None,
     memory: Annotated[

@@ -16,7 +16,9 @@ from shear_sim.screen import duration
 from shear_sim.slurm import SlurmError, Submission, Task, index_list
 
 TASK_SECONDS = 1800.0  # aimed at: starting a task takes seconds, and queues like short ones
-START_SECONDS = 300.0  # kept for starting, compilation and the warning before the end
+WARNING_SECONDS = 120  # before the time limit; Slurm was 60 s early to 13 s late
+SHORTEST_MINUTES = 5  # of a time limit, so that most of it is left before the warning
+START_SECONDS = 300.0  # kept for starting, compilation and the warning
 SAFETY = 1.5  # time limit over expected duration
 LONGEST_MINUTES = 1440  # of a task, where the user gives no limit
 MOST_TASKS = 1000  # the same
@@ -48,11 +50,6 @@ class Layout:
         """Return the shares of each array, so many that indices stay below ``size``."""
         count = len(self.shares)
         return [range(start, min(start + size, count)) for start in range(0, count, size)]
-
-    @property
-    def warning(self) -> int:
-        """How long before the time limit a task is told [s]; Slurm was 60 s early to 13 s late."""
-        return min(120, 40 * self.minutes)
 
 
 def held(results: Results, submitted: list[Submission], queue: list[Task]) -> set[str]:
@@ -90,9 +87,15 @@ def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
     Raises
     ------
     PlanError
-        If nothing is measured and the user does not say what to take.
+        If nothing is measured and the user does not say what to take, or if the limit is too short.
     """
     longest = limits.minutes or LONGEST_MINUTES
+    if longest < SHORTEST_MINUTES:
+        msg = (
+            f"--time {longest}: must be at least {SHORTEST_MINUTES} minutes: tasks are warned "
+            f"{WARNING_SECONDS} s before the limit, by Slurm, which may be a minute early"
+        )
+        raise PlanError(msg)
     most = limits.max_tasks or MOST_TASKS
     cost = {
         job.id: plan.wall_s.mean(plan.points[job.id]) for job in plan.run if job.id not in taken
@@ -107,8 +110,7 @@ def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
             raise PlanError(msg)
         shares, seconds = deal(dict.fromkeys(cost, 1.0), min(most, len(cost))), None
     else:
-        # Half of a short limit: a task of seconds would be worse than a rare requeue.
-        usable = max((60 * longest - START_SECONDS) / SAFETY, 30.0 * longest, 60.0)
+        usable = (60 * longest - WARNING_SECONDS) / SAFETY
         shares = divide(known, most, min(TASK_SECONDS, usable))
         seconds = max((sum(known[job] for job in share) for share in shares), default=0.0)
         longest = min(longest, 5 * ceil((SAFETY * seconds + START_SECONDS) / 300))
@@ -126,7 +128,7 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
         "array": index_list(range(len(part))),
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
-        "signal": f"B:USR1@{layout.warning}",
+        "signal": f"B:USR1@{WARNING_SECONDS}",
         "output": _log(plan, "slurm-%A_%a.log"),
     }
     index = f"$((SLURM_ARRAY_TASK_ID + {part.start}))" if part.start else "$SLURM_ARRAY_TASK_ID"
@@ -302,6 +304,6 @@ def describe(layout: Layout, arrays: int) -> str:
         f"{sum(map(len, layout.shares))} jobs: {expected}, "
         f"limit {duration(60 * layout.minutes)}, {layout.memory_mb} MB each"
     )
-    if layout.seconds is not None and layout.seconds > 60 * layout.minutes - layout.warning:
+    if layout.seconds is not None and layout.seconds > 60 * layout.minutes - WARNING_SECONDS:
         line += "; longer than the limit: tasks will be requeued and go on"
     return line

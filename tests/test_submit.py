@@ -498,14 +498,25 @@ def test_what_failed_before_runs_last(plan):
     assert [job.id for job in again.run] == [*others, first]
 
 
-def test_what_failed_by_physics_is_tried_again_when_told(plan, fake):
+def test_what_failed_by_physics_is_tried_once_more_when_told(plan, fake):
+    """And not at every requeue of a task, which runs the same script."""
+    failed, held_back, crashed = plan.run[:3]
+    limits = Limits(minutes=60, max_tasks=1)
     plan.results.prepare(plan.study)
-    plan.results.record_failure(Failure(plan.run[0].id, "physics", "the spring broke"))
-    for count, retry in enumerate((False, True)):
-        told = make_plan(plan.study, plan.results, retry_failed=retry)
-        submit(told, Limits(minutes=60, max_tasks=1), print)
-        script = (fake.folder / f"script-{2 * count + 1}").read_text()
-        assert script.endswith(" --retry-failed\n") == retry
+    plan.results.record_failure(Failure(failed.id, "physics", "the spring broke"))
+    plan.results.record_failure(Failure(crashed.id, "crash", "its worker died"))
+    submit(make_plan(plan.study, plan.results), limits, print)
+    assert failed.id not in flat(jobs_of(fake, 1))
+    told = make_plan(plan.study, plan.results, retry_failed=True)
+    submit(told, limits, print, dry_run=True)
+    assert plan.results.failures().keys() == {failed.id, crashed.id}
+    submit(told, limits, print)
+    assert plan.results.failures().keys() == {crashed.id}
+    assert failed.id in flat(jobs_of(fake, 3))
+    plan.results.record_failure(Failure(held_back.id, "physics", "the spring broke"))
+    [task] = jobs_of(fake, 3)
+    assert held_back.id not in task  # it has been tried in this run of the task
+    assert failed.id in task  # its turn had not come
 
 
 def test_a_log_goes_to_a_folder_of_any_name(plan, fake, tmp_path):

@@ -136,9 +136,8 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
     command = _command(
         "sweep", plan.study.path.absolute(), "--results", _root(plan), "--division", division
     )
-    more = " --retry-failed" if any(f.kind == "physics" for f in plan.again.values()) else ""
     shard = f'--shard "{index}/{len(layout.shares)}"'
-    return _script(plan, limits, resources, f"{command} {shard}{more}")
+    return _script(plan, limits, resources, f"{command} {shard}")
 
 
 def aggregation_script(plan: Plan, limits: Limits, after: list[str]) -> str:
@@ -243,6 +242,11 @@ def submit(
     plan.results.prepare(plan.study)
     if arrays:
         _keep_division(plan.results, layout)
+        # Jobs to be tried again are new to their tasks. Had these to be told so, by --retry-failed,
+        # they would try again at every requeue.
+        for job in plan.again.keys() & {job for share in layout.shares for job in share}:
+            if plan.again[job].kind == "physics":
+                plan.results.forget_failure(job)
     numbers: list[int] = []
     try:
         for part in arrays:

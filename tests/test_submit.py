@@ -156,7 +156,7 @@ def test_arrays_stay_below_the_largest_index_and_cover_every_task(plan, fake):
     assert sorted(covered) == list(range(7))
     assert numbers == [101, 102, 103]
     assert "#SBATCH --dependency=afterany:101:102" in scripts[2]
-    records = slurm.submissions(plan.results)
+    records, _ = slurm.submissions(plan.results)
     assert [(each.job, each.kind) for each in records] == [
         (101, "array"), (102, "array"), (103, "aggregation"),
     ]  # fmt: skip
@@ -291,7 +291,7 @@ def test_a_refusal_says_what_is_queued_already(plan, fake):
     )
     with pytest.raises(SlurmError, match="Invalid qos; queued: 7; the same command again"):
         submit(plan, Limits(minutes=10, max_tasks=11), print)
-    [kept] = slurm.submissions(plan.results)
+    [kept], _ = slurm.submissions(plan.results)
     assert (kept.job, kept.tasks) == (7, (0, 1, 2, 3))
 
 
@@ -301,6 +301,37 @@ def test_without_a_place_for_its_number_nothing_is_submitted(plan, fake):
     with pytest.raises(ResultsError, match=r"submissions: cannot be written .*nothing is"):
         submit(plan, Limits(), print)
     assert fake.calls("sbatch") == []
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b"\xff",
+        b'{"job": "x", "kind": "array", "submitted": "", "tasks": []}',
+        b'{"job": 102, "kind": "array", "tasks": [0], "share": 3}',  # as of another version
+        None,
+    ],
+)
+def test_a_damaged_record_is_named_and_stops_no_status(plan, fake, content):
+    submit(plan, Limits(), print)
+    fake.answers("squeue", "echo '101|0|RUNNING|None'")
+    damaged = plan.results.submissions / "102.json"
+    damaged.unlink()
+    if content is None:
+        damaged.mkdir()
+    else:
+        damaged.write_bytes(content)
+    problem = f"{damaged}: cannot be read .*: delete it once its job has ended"
+    status = read_status(plan.results)
+    assert [re.fullmatch(problem, each) is not None for each in status["problems"]] == [True]
+    assert re.search(f"\n  {problem}\n", describe_status(status))
+    assert [each["job"] for each in status["tasks"]] == [101]
+    with pytest.raises(SlurmError, match=problem):
+        submit(plan, Limits(), print)
+    assert len(fake.calls("sbatch")) == 2
 
 
 def test_a_number_that_cannot_be_kept_is_said(plan, fake, monkeypatch):
@@ -374,7 +405,7 @@ def test_an_answer_without_a_number_is_an_error(plan, fake, answer):
     fake.answers("sbatch", answer)
     with pytest.raises(SlurmError, match="nothing is queued"):
         submit(plan, Limits(), print)
-    assert slurm.submissions(plan.results) == []
+    assert slurm.submissions(plan.results) == ([], [])
 
 
 def test_without_slurm_there_is_nothing_to_submit_to(plan, monkeypatch, tmp_path):

@@ -75,23 +75,20 @@ def record(results: Results, submission: Submission) -> None:
         raise SlurmError(msg) from error
 
 
-def submissions(results: Results) -> list[Submission]:
-    """Return what was submitted, the oldest first.
-
-    Raises
-    ------
-    SlurmError
-        If a record is damaged.
-    """
-    found = []
-    for path in results.submissions.glob("*.json"):
+def submissions(results: Results) -> tuple[list[Submission], list[str]]:
+    """Return what was submitted, the oldest first, and what is wrong with damaged records."""
+    found, problems = [], []
+    for path in sorted(results.submissions.glob("*.json")):
         try:
             content = json.loads(path.read_bytes())
-            found.append(Submission(**{**content, "tasks": tuple(content["tasks"])}))
-        except (ValueError, TypeError, KeyError) as error:
-            msg = f"{path}: cannot be read ({error}): delete it once its job has ended"
-            raise SlurmError(msg) from error
-    return sorted(found, key=lambda submission: submission.job)
+            submission = Submission(**{**content, "tasks": tuple(content["tasks"])})
+            if path.name != f"{submission.job}.json":
+                msg = "of another job number"
+                raise ValueError(msg)
+            found.append(submission)
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            problems.append(f"{path}: cannot be read ({error}): delete it once its job has ended")
+    return sorted(found, key=lambda submission: submission.job), problems
 
 
 def queue() -> list[Task] | None:

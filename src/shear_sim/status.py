@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -20,15 +20,17 @@ WATCH_SECONDS = 10.0
 def read_status(results: Results) -> dict[str, Any]:
     """Return the state of a study, JSON-ready, from one listing and one question to Slurm.
 
-    ``planned`` and ``missing`` are None if the plan is missing or damaged; ``problems`` says what
-    to do then. Results that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb``
-    are those of up to 200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last
-    hour, and ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if it does not
-    answer. ``program`` is the one whose runs were imported, with no times then, or None.
+    ``problems`` are the plan or records of submissions that are missing or damaged, with what to
+    do; without a plan ``planned`` and ``missing`` are None. Results that the plan does not ask for
+    are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to 200 jobs, ``measured_jobs``,
+    scaled up. ``jobs_per_hour`` is that of the last hour, and ``seconds_left`` follows from it.
+    ``tasks`` are those of Slurm: None if it does not answer. ``program`` is the one whose runs were
+    imported, with no times then, or None.
     """
     stamps = results.stamps()
     failures = results.failures(stamps.keys())
-    problems, planned = [], None
+    submitted, problems = slurm.submissions(results)
+    planned = None
     try:
         planned = set(results.plan()[0].column("job").to_pylist())
     except TableError as error:
@@ -57,7 +59,7 @@ def read_status(results: Results) -> dict[str, Any]:
         "last_finished": max(changed, default=None),
         "jobs_per_hour": rate,
         "seconds_left": 3600 * missing / rate if rate and missing else None,
-        "tasks": _tasks(results, unfinished=missing != 0),
+        "tasks": _tasks(submitted, unfinished=missing != 0),
     }
 
 
@@ -74,9 +76,10 @@ def _rate(changed: list[float], now: float) -> float | None:
     return 3600 * len(recent) / max(now - min(recent), 1.0)
 
 
-def _tasks(results: Results, *, unfinished: bool) -> list[dict[str, Any]] | None:
+def _tasks(
+    submitted: Sequence[slurm.Submission], *, unfinished: bool
+) -> list[dict[str, Any]] | None:
     """Return the job numbers of Slurm, the oldest first, with the states of their tasks."""
-    submitted = slurm.submissions(results)
     queue = slurm.queue() if submitted else []
     if queue is None:
         return None

@@ -210,11 +210,14 @@ def submit(
     PlanError
         If nothing is measured and the user does not say what to take.
     SlurmError
-        If Slurm does not answer or refuses a script; says what is queued already.
+        If Slurm does not answer or refuses a script, or if the record of an earlier submission is
+        damaged; says what is queued already.
     ResultsError
         If the results cannot be written.
     """
-    before = slurm.submissions(plan.results)
+    before, problems = slurm.submissions(plan.results)
+    if problems:
+        raise SlurmError(problems[0])
     queue = slurm.queue()
     if queue is None and before:
         msg = "squeue does not answer, so what is queued already is not known: try again later"

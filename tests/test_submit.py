@@ -515,6 +515,18 @@ def test_odd_lines_of_an_answer_are_skipped(plan, fake):
     assert array["tasks"] == {"running": 1, "timeout": 1}
 
 
+def test_an_empty_queue_of_a_named_cluster_is_empty(plan, fake):
+    """With SLURM_CLUSTERS squeue says its name in any case."""
+    submit(plan, Limits(), print)
+    fake.answers("squeue", "echo 'CLUSTER: main'")
+    assert slurm.queue() == []
+    assert [each["tasks"] for each in read_status(plan.results)["tasks"]] == [
+        {"ended": 2},
+        {"ended": 1},
+    ]
+    assert submit(plan, Limits(), print) == [103, 104]
+
+
 def test_an_answer_may_be_in_any_encoding(fake):
     fake.answers("squeue", r"printf '101|0|RUNNING|Gr\374n\n'")
     [task] = slurm.queue()

@@ -100,14 +100,15 @@ def queue() -> list[Task] | None:
     if answer is None:
         return None
     tasks = []
-    for line in answer.splitlines():
+    lines = [line for line in answer.splitlines() if line and not line.startswith("CLUSTER: ")]
+    for line in lines:
         job, *rest = line.split("|", 3)
         if job.isdecimal() and len(rest) == 3:
             index, state, reason = rest
             number = int(index) if index.isdecimal() else None  # N/A
             tasks.append(Task(int(job), number, state, reason))
-    # Nothing but other lines is no empty queue: what waits in it would be submitted again.
-    return tasks if tasks or not answer.strip() else None
+    # Nothing but warnings is no empty queue: what waits in it would be submitted again.
+    return tasks if tasks or not lines else None
 
 
 def ended(jobs: Iterable[int]) -> dict[int, Counter[str]]:

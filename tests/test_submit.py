@@ -372,13 +372,13 @@ def test_a_missing_aggregation_is_made_up_for(plan, fake):
     assert submit(done, limits, print) == []
     fake.answers("squeue", "")
     report = plan.results.report_file
-    report.write_text("of all results")
+    report.write_text(f"a page {plan.results.fingerprint()}")
     assert submit(done, limits, print) == []
     plan.results.study_file.write_text("before its last edit, which needs no new job")
     assert submit(done, limits, print) == [105]
     assert plan.results.study_file.read_text() == plan.study.text
     assert submit(done, limits, print) == []
-    os.utime(report, (1, 1))
+    os.utime(plan.results.job_file(plan.run[0].id), (1, 1))  # replaced by an older copy
     assert submit(done, limits, print) == [106]
 
 

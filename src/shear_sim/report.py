@@ -68,10 +68,11 @@ def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
         If its plan is missing or damaged.
     """
     results = Results.existing(Path(folder))
+    known = results.fingerprint()  # first: results that come meanwhile may not be on the page
     tables = aggregate(results.folder, tensor=tensor)
     path = results.report_file
     try:
-        write_whole(path, page(results, tables).encode())
+        write_whole(path, f"{page(results, tables)}<!-- {known} -->\n".encode())
     except OSError as error:
         msg = f"{path}: the report cannot be written ({error})"
         raise ResultsError(msg) from error

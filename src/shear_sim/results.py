@@ -19,6 +19,7 @@ run the same job write the same bytes.
 """
 
 import contextlib
+import hashlib
 import itertools
 import json
 import os
@@ -255,6 +256,11 @@ class Results:
     def stamps(self) -> dict[str, list[int]]:
         """Return size and time of change [ns] of all results, by job id, from one listing."""
         return _stamps(self.jobs, ".parquet")
+
+    def fingerprint(self) -> str:
+        """Return what changes whenever a result is added, replaced or removed."""
+        listing = json.dumps(self.stamps(), sort_keys=True)
+        return f"of results {hashlib.sha256(listing.encode()).hexdigest()}"
 
     def failures(self, finished: Collection[str] | None = None) -> dict[str, Failure]:
         """Return the failed jobs that have no result, by id; ``finished``, if it is known."""

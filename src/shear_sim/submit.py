@@ -295,12 +295,11 @@ def _keep_division(results: Results, layout: Layout) -> None:
 
 def _report_is_old(plan: Plan) -> bool:
     """Tell whether there are results, or an edit of the study, that the report does not know."""
-    study = plan.results.study_file
+    study, report = plan.results.study_file, plan.results.report_file
     if study.exists() and study.read_bytes() != plan.study.text.encode():
         return True
-    changed = max((when for _, when in plan.results.stamps().values()), default=0)
-    report = plan.results.report_file
-    return changed > (report.stat().st_mtime_ns if report.exists() else 0)
+    known = plan.results.fingerprint().encode()
+    return plan.done > 0 and not (report.exists() and known in report.read_bytes())
 
 
 def describe(layout: Layout, arrays: int) -> str:

@@ -142,6 +142,16 @@ def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path)
     assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
 
 
+def test_a_damaged_result_is_said_once(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "study")
+    shutil.copytree(folder / "results/study", results.folder)
+    path = results.job_file(min(results.finished()))
+    path.write_bytes(path.read_bytes()[:-5])
+    code, output = run(env, "report", results.folder)
+    assert (code, output.count("damaged result")) == (0, 1), output
+
+
 def test_show_a_result_and_a_failure(swept):
     folder, env, _ = swept
     results = Results(folder / "results/study")

@@ -567,10 +567,16 @@ def test_a_log_goes_to_a_folder_of_any_name(plan, fake, tmp_path):
     submit(replace(plan, results=Results(tmp_path / "50%A b/study")), Limits(), print)
     script = (fake.folder / "script-1").read_text()
     assert f"#SBATCH --output='{tmp_path}/50%%A b/study/logs/slurm-%A_%a.log'\n" in script
+    odd = "\udcfcber\ta\u00a0b"  # an ü of another encoding, a tab and a space that does not break
+    submit(replace(plan, results=Results(tmp_path / odd / "study")), Limits(), print)
+    script = (fake.folder / "script-3").read_bytes()
+    assert (
+        f"#SBATCH --output='{tmp_path}/{odd}/study/logs/".encode(errors="surrogateescape") in script
+    )
     for name in ("back\\slash", "two\nlines"):
         with pytest.raises(PlanError, match="Slurm writes no logs to a folder with a backslash"):
             submit(replace(plan, results=Results(tmp_path / name / "study")), Limits(), print)
-    assert len(fake.calls("sbatch")) == 2
+    assert len(fake.calls("sbatch")) == 4
 
 
 def test_a_task_within_its_limit_is_not_called_longer(plan):

@@ -1,6 +1,7 @@
 """A study on one HTML page that refers to nothing outside itself, to be mailed to a co-author."""
 
 import base64
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -119,7 +120,9 @@ def page(results: Results, tables: "Mapping[str, pd.DataFrame]") -> str:
 
 def _how_runs_were_made(results: Results, runs: "pd.DataFrame") -> "pd.DataFrame":
     """Return the ``run`` block of the summaries of these runs, a row each."""
-    index = results.index()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the tables were made of the same index, with its warnings
+        index = results.index()
     names = [name for name in index.column_names if name.startswith("run.")]
     made: pd.DataFrame = index.select(["job", *names]).to_pandas()
     made = made[made["job"].isin(runs["job"])].drop(columns="job")

@@ -150,6 +150,7 @@ def submit(script: str) -> int:
             input=script,
             capture_output=True,
             text=True,
+            errors="surrogateescape",  # as in paths: names of folders may be in any encoding
             check=True,
         )
         return int(done.stdout.split(";")[0])

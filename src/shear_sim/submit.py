@@ -161,7 +161,7 @@ def _log(plan: Plan, name: str) -> str:
         If Slurm cannot write into a folder of that name.
     """
     folder = str(plan.results.logs.absolute())
-    if "\\" in folder or not folder.isprintable():
+    if "\\" in folder or "\n" in folder:
         msg = (
             f"{folder!r}: Slurm writes no logs to a folder with a backslash or a line break in its "
             "name: rename the study, or give another folder with --results"

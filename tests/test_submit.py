@@ -178,6 +178,15 @@ def test_every_script_leaves_the_warning_to_the_program(plan, fake):
     assert "#SBATCH --time=30\n" in (fake.folder / "script-4").read_text()
 
 
+def test_no_warning_comes_before_the_program_is_ready_for_it(plan, fake):
+    """Slurm may send it a minute early; the program takes less than a second to be ready."""
+    submit(plan, Limits(minutes=5), print)
+    script = (fake.folder / "script-1").read_text()
+    [limit] = re.findall(r"--time=(\d+)\n", script)
+    [warning] = re.findall(r"--signal=B:USR1@(\d+)\n", script)
+    assert 60 * int(limit) - int(warning) - 60 >= 120
+
+
 def test_a_dry_run_submits_and_writes_nothing(plan, fake):
     lines = []
     assert submit(plan, Limits(), lines.append, dry_run=True) == []

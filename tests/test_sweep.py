@@ -26,7 +26,7 @@ import shear_sim
 from shear_sim import sweep
 from shear_sim.aggregate import make_tables
 from shear_sim.plan import Costs, PlanError, default_workers, make_plan
-from shear_sim.results import Results
+from shear_sim.results import Results, ResultsError
 from shear_sim.screen import Screen
 from shear_sim.single import differences
 from shear_sim.status import describe_status, read_status
@@ -85,7 +85,7 @@ def test_any_shard_keeps_the_study_and_its_plan_where_they_are_missing(tmp_path)
     assert results.plan()[0].equals(plan)
 
 
-def test_a_damaged_plan_is_said_and_made_again_by_a_sweep(undisturbed, tmp_path):
+def test_a_damaged_plan_or_study_file_is_said_and_made_again_by_a_sweep(undisturbed, tmp_path):
     study = write_study(tmp_path)
     results = Results(shutil.copytree(undisturbed.folder, tmp_path / "study"))
     plan = results.plan()[0]
@@ -98,6 +98,12 @@ def test_a_damaged_plan_is_said_and_made_again_by_a_sweep(undisturbed, tmp_path)
     assert re.search(f"12 of [?] jobs done\n  {problem}", describe_status(status))
     make(study, tmp_path)
     assert results.plan()[0].equals(plan)
+    for harm in (results.study_file.unlink, lambda: results.study_file.write_bytes(b"\xff")):
+        harm()
+        with pytest.raises(ResultsError, match=r"cannot be read .*STUDY\.yaml` writes it again"):
+            make_tables(results.folder)
+        make(study, tmp_path)
+        assert make_tables(results.folder)["runs"].attrs["done"] == 12
 
 
 def test_a_shard_is_cut_before_finished_jobs_are_skipped(undisturbed, tmp_path):

@@ -306,8 +306,7 @@ def _study(
         yield _table("made with", [*(name.replace("_", " ") for name in columns), "runs"], rows)
     if "cpu_s" in made:
         yield f'<p class="small">{duration(float(made["cpu_s"].sum()))} of CPU in all.</p>'
-    text = results.study_file.read_text("utf-8")
-    yield f"<h3>The study file</h3><pre>{escape(text)}</pre>"
+    yield f"<h3>The study file</h3><pre>{escape(results.study_text())}</pre>"
 
 
 def _list(lines: Sequence[str]) -> str:

@@ -192,6 +192,20 @@ class Results:
             return "shear-sim import-legacy FILES --out ANOTHER"
         return "shear-sim sweep STUDY.yaml"
 
+    def study_text(self) -> str:
+        """Return the study file as last given.
+
+        Raises
+        ------
+        ResultsError
+            If it is missing or damaged.
+        """
+        try:
+            return self.study_file.read_text("utf-8")
+        except (OSError, UnicodeError) as error:
+            msg = f"{self.study_file}: cannot be read ({error}): `{self.command()}` writes it again"
+            raise ResultsError(msg) from error
+
     def program(self) -> str | None:
         """Return the program whose runs were imported into this folder; None: they are ours."""
         about = self._about()

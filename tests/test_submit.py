@@ -107,7 +107,7 @@ def test_one_short_study_is_one_task(plan):
 @pytest.mark.parametrize("minutes", [5, 6, 10, 20, 60])
 def test_tasks_end_before_the_warning(plan, minutes):
     """Also where they have to compile first, for half a minute."""
-    plan.wall_s._sum = {key: value * minutes / 120 for key, value in plan.wall_s._sum.items()}
+    plan.wall_s._sum = {key: value * minutes / 100 for key, value in plan.wall_s._sum.items()}
     layout = lay_out(plan, Limits(minutes=minutes), set())
     assert max(loads(plan, layout)) <= 60 * minutes - 120 - 30
 

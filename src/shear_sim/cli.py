@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from shear_sim.looks import Colour, Contacts
+
 if TYPE_CHECKING:
     from shear_sim.plan import Plan
     from shear_sim.results import Results
@@ -73,23 +75,6 @@ class Tensor(StrEnum):
     periodic = "periodic"
     internal = "internal"
     external = "external"
-
-
-class Colour(StrEnum):
-    """What particles may be coloured by."""
-
-    particle = "particle"
-    pressure = "pressure"
-    spin = "spin"
-    displacement = "displacement"
-
-
-class Contacts(StrEnum):
-    """What lines between particles may show."""
-
-    state = "state"
-    force = "force"
-    none = "none"
 
 
 OfTensor = Annotated[
@@ -377,7 +362,7 @@ def render(
         raise typer.BadParameter(msg)
     kept = module.read_kept(find_job(job, results))
     path = out or Path(f"{kept.path.stem}{suffixes[0]}")
-    look = (colour.value, contacts and contacts.value)
+    look = (colour, contacts)
     if film:
         module.write_film(kept, path, *look)
     else:

@@ -12,7 +12,7 @@ from shear_sim.figures import style
 from shear_sim.figures.scene import Scene
 from shear_sim.models.interface import Columns, Snapshot
 from shear_sim.results import ResultsError, read_job
-from shear_sim.snapshots import read_snapshots
+from shear_sim.snapshots import beside, read_snapshots
 from shear_sim.tables import Table
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def read_kept(path: Path) -> Kept:
             "runs anew"
         )
         raise ResultsError(msg)
-    snapshots = read_snapshots(path.parent.with_name("snapshots"), path.stem)
+    snapshots = read_snapshots(beside(path), path.stem)
     return Kept(path, table, snapshots)
 
 

@@ -229,6 +229,10 @@ class Results:
         """Return size and time of change [ns] of all results, by job id, from one listing."""
         return _stamps(self.jobs, ".parquet")
 
+    def snapshot_bytes(self) -> int:
+        """Return the size of all snapshots, from one listing."""
+        return sum(count for count, _ in _stamps(self.snapshots, "").values())
+
     def failures(self, finished: Collection[str] | None = None) -> dict[str, Failure]:
         """Return the failed jobs that have no result, by id; ``finished``, if it is known."""
         paths = {path.stem: path for path in _listing(self.failed, ".json")}

@@ -50,7 +50,7 @@ def read_status(results: Results) -> dict[str, Any]:
         "checkpoints": sum(1 for _ in results.checkpoints.glob("*.pickle")),
         "measured_jobs": len(measured),
         "cpu_s": each * len(stamps),
-        "disk_bytes": sum(count for count, _ in stamps.values()),
+        "disk_bytes": sum(count for count, _ in stamps.values()) + results.snapshot_bytes(),
         "memory_mb": max((run["peak_memory_mb"] for run in measured), default=None),
         "last_finished": max(changed, default=None),
         "jobs_per_hour": rate,

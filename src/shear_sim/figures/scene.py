@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.looks import Colour, Contacts
 from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.snapshots import clusters
 
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
 
 FloatArray = NDArray[np.float64]
-
-COLOURS = ("particle", "pressure", "spin", "displacement")
-CONTACTS = ("state", "force", "none")
 
 # Tints that letters and lines are seen on; neighbours get different ones.
 _TINTS = ("#a6cee3", "#fdd7a5", "#b8dfb1", "#d9c3e4", "#f6bcbc", "#e9e29c", "#b5ddd8", "#dcc4ad")
@@ -56,11 +54,16 @@ class Scene:
         Of one job: colours mean the same in all of them.
     strain : (len(snapshots),)
         Imposed strain at each.
-    colour : str
-        Of `COLOURS`. ``particle``: its cluster of links; large or small where there are none.
+    colour : Colour or str
+        ``particle``: its cluster of links; large or small where there are none.
         ``displacement``: from the affine image of where it was in the first snapshot.
-    contacts : str, optional
-        Of `CONTACTS`; default: what can be seen.
+    contacts : Contacts or str, optional
+        Default: what can be seen.
+
+    Raises
+    ------
+    ValueError
+        If one of both is no such word.
     """
 
     def __init__(
@@ -73,7 +76,7 @@ class Scene:
     ) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
 
-        self.axis, self.snapshots, self.colour = axis, snapshots, colour
+        self.axis, self.snapshots, self.colour = axis, snapshots, Colour(colour)
         first = snapshots[0]
         self._shell = _is_shell(first)
         margin = 2 * _MARGIN * float(first.radius.max()) if first.periodic else 0.0
@@ -92,7 +95,7 @@ class Scene:
         inches = min(room.width * across / self.width, room.height * down / self.height)
         self.point = 72 * inches  # per unit of length
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
-        self.contacts = contacts or self._readable(first)
+        self.contacts = Contacts(contacts or self._readable(first))
         self._tints = particle_tints(first)
         self._values = self._coloured(strain)
         self._scale = _limits(self._values, colour)

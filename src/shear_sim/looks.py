@@ -12,6 +12,7 @@ class Colour(StrEnum):
     particle = "particle"
     pressure = "pressure"
     spin = "spin"
+    speed = "speed"
     displacement = "displacement"
 
 

@@ -228,8 +228,9 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
 
 
 def _unit(kept: Kept, colour: str) -> str:
-    scaled = "scaled_pressure" in kept.table.columns
-    return {"pressure": "" if scaled else "Pa", "spin": "1/s"}.get(colour, "")
+    if "scaled_pressure" in kept.table.columns:  # hard discs: of their path, not of the time
+        return {"speed": "mean small diameters per path"}.get(colour, "")
+    return {"pressure": "Pa", "spin": "1/s", "speed": "m/s"}.get(colour, "")
 
 
 def _first_of(columns: Columns, **labels: str) -> list[tuple[FloatArray, str]]:

@@ -528,6 +528,9 @@ def find_job(reference: str, root: Path) -> Path:
         msg = f"{reference}: {len(found)} jobs in {root} begin so ({first}, ...); give more letters"
         raise ResultsError(msg)
     if not found:
-        msg = f"{reference}: no such file, and no job in {root}/*/ whose id begins so"
+        msg = (
+            f"{reference}: no such file, and no job in {root}/*/ whose id begins so; "
+            "`shear-sim show results/<study>` lists the jobs of a study"
+        )
         raise ResultsError(msg)
     return found[0]

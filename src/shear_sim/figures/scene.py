@@ -38,6 +38,7 @@ _FULL = 98.0  # percentile that takes the end of a colour scale
 _TITLES = {
     "pressure": "pressure of a particle",
     "spin": "spin",
+    "speed": "speed",
     "displacement": "non-affine displacement\n[mean diameters]",
 }
 
@@ -134,6 +135,8 @@ class Scene:
             return [particle_pressure(s) for s in self.snapshots]
         if self.colour == "spin":
             return [s.spin for s in self.snapshots]
+        if self.colour == "speed":
+            return [np.hypot(*s.velocity.T) for s in self.snapshots]
         if self.colour == "displacement":
             size = 2 * float(first.radius.mean())
             return [
@@ -166,7 +169,7 @@ class Scene:
 
         name, low, high = {
             "pressure": ("YlOrBr", 0.0, 0.72), "spin": ("RdBu", 0.12, 0.88),
-            "displacement": ("YlGnBu", 0.0, 0.75),
+            "speed": ("YlGnBu", 0.0, 0.75), "displacement": ("YlGnBu", 0.0, 0.75),
         }[self.colour]  # fmt: skip
         return ListedColormap(colormaps[name](np.linspace(low, high, 256)))
 
@@ -454,7 +457,7 @@ def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
     low, high = (float(p) for p in np.percentile(everything, [100 - _FULL, _FULL]))
     if colour == "spin":
         low, high = -max(-low, high), max(-low, high)
-    elif colour == "displacement":
+    elif colour in {"speed", "displacement"}:
         low = 0.0
     return (low, high) if low < high else (low, low + 1.0)
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shear_sim.figures import style
-from shear_sim.figures.scene import Scene
+from shear_sim.figures.scene import Scene, view
 from shear_sim.render import Kept, read_kept
 from shear_sim.results import Results
 from shear_sim.runner import run_job
@@ -51,7 +51,9 @@ LOOKS: dict[str, dict[str, Any]] = {
     },
     "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
     "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
-    "hard_disc_self_propelled": {"contacts": "none"},
+    "hard_disc_self_propelled": {"colour": "speed", "contacts": "none"},
+    "hard_disc_inclined_plane": {"colour": "speed"},
+    "hard_disc_hopper": {"colour": "speed"},
 }  # fmt: skip
 
 
@@ -88,12 +90,14 @@ def shown(kept: Kept) -> int:
 
 def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
     """Draw particles alone, small."""
-    shape = kept.snapshots[0].height / kept.snapshots[0].width
-    with style.figure(SIDE, SIDE * shape) as figure:
+    number = shown(kept)
+    snapshots = kept.snapshots[number : number + 1]
+    *_, width, height = view(snapshots)
+    with style.figure(SIDE, SIDE * height / width) as figure:
         figure.set_layout_engine("none")
         axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
-        scene.show(shown(kept))
+        scene = Scene(axis, snapshots, kept.strain[number : number + 1], colour, contacts)
+        scene.show(0)
         style.save_as(figure, path)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB, of {kept.path}")
 

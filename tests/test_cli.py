@@ -55,6 +55,11 @@ def test_every_command_explains_itself_with_an_example():
         assert f"shear-sim {name} " in shown.output
 
 
+def test_the_list_of_commands_is_not_cut_short():
+    shown = CliRunner().invoke(cli.app, ["--help"], terminal_width=80).output
+    assert "..." not in shown.partition("Commands:")[2]
+
+
 def test_the_limit_says_what_exit_code_0_means_then():
     shown = CliRunner().invoke(cli.app, ["sweep", "--help"]).output
     assert "exit code 0 then does not mean that all jobs are done" in " ".join(shown.split())
@@ -166,6 +171,34 @@ def test_show_a_result_and_a_failure(swept):
     code, output = run(env, "show", failed, *root)
     assert code == 0
     assert "the spring broke" in output
+
+
+def test_the_jobs_of_a_study_are_listed_with_what_varies(swept, tmp_path):
+    folder, env, _ = swept
+    results = folder / "results/study"
+    code, output = run(env, "show", results)
+    assert code == 0
+    names, *rows = [line.split() for line in output.splitlines()]
+    assert names == ["job", "scene", "model.fault", "shear.strain_amplitude", "replicate", "state"]
+    assert [row[1:] for row in rows] == [
+        ["base", fault, amplitude, "0", "done" if fault == "none" else "failed"]
+        for fault in ("none", "physics") for amplitude in ("0.01", "0.1", "1")
+    ]  # fmt: skip
+    listed = json.loads(run(env, "show", results, "--json")[1])
+    assert [job["job"] for job in listed] == [row[0] for row in rows]
+    assert {job["state"] for job in listed} == {"done", "failed"}
+    run(env, "sweep", folder / "study.yaml", "--results", tmp_path, "--limit", "0")
+    assert run(env, "show", tmp_path / "study")[1].count("missing") == 6
+    code, output = run(env, "show", "abc", "--results", folder / "results")
+    assert code == 2
+    assert "`shear-sim show results/<study>` lists the jobs" in output
+
+
+def test_a_folder_is_no_study_file(swept):
+    folder, env, _ = swept
+    code, output = run(env, "sweep", folder)
+    assert code == 2
+    assert f"{folder}: a folder: give the study file" in output
 
 
 def test_run_one_job_and_repeat_it(swept, tmp_path):

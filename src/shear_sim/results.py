@@ -276,6 +276,10 @@ class Results:
         listing = json.dumps(self.stamps(), sort_keys=True)
         return f"of results {hashlib.sha256(listing.encode()).hexdigest()}"
 
+    def snapshot_bytes(self) -> int:
+        """Return the size of all snapshots, from one listing."""
+        return sum(count for count, _ in _stamps(self.snapshots, "").values())
+
     def failures(self, finished: Collection[str] | None = None) -> dict[str, Failure]:
         """Return the failed jobs that have no result, by id; ``finished``, if it is known."""
         paths = {path.stem: path for path in _listing(self.failed, ".json")}
@@ -593,6 +597,9 @@ def find_job(reference: str, root: Path) -> Path:
         msg = f"{reference}: {len(found)} jobs in {root} begin so ({first}, ...); give more letters"
         raise ResultsError(msg)
     if not found:
-        msg = f"{reference}: no such file, and no job in {root}/*/ whose id begins so"
+        msg = (
+            f"{reference}: no such file, and no job in {root}/*/ whose id begins so; "
+            "`shear-sim show results/<study>` lists the jobs of a study"
+        )
         raise ResultsError(msg)
     return found[0]

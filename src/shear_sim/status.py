@@ -1,5 +1,6 @@
 """How far a study is, and what one job found, for people and for scripts."""
 
+import json
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +16,7 @@ SHOWN_FAILURES = 10
 SAMPLE = 200  # results that are opened to learn what a job costs; ids are random, so any will do
 RECENT_SECONDS = 3600.0  # over which the throughput is measured
 WATCH_SECONDS = 10.0
+_OF_A_PLAN = ("job", "point", "replicate", "labels")  # its columns; the others are what varies
 
 
 def read_status(results: Results) -> dict[str, Any]:
@@ -54,7 +56,7 @@ def read_status(results: Results) -> dict[str, Any]:
         "checkpoints": sum(1 for _ in results.checkpoints.glob("*.pickle")),
         "measured_jobs": len(measured),
         "cpu_s": each * len(stamps),
-        "disk_bytes": sum(count for count, _ in stamps.values()),
+        "disk_bytes": sum(count for count, _ in stamps.values()) + results.snapshot_bytes(),
         "memory_mb": max((run["peak_memory_mb"] for run in measured), default=None),
         "last_finished": max(changed, default=None),
         "jobs_per_hour": rate,
@@ -139,6 +141,46 @@ def describe_status(status: Mapping[str, Any]) -> str:
     if status["done"]:
         lines.append(f"next: shear-sim aggregate {status['results']}")
     return "\n".join(lines)
+
+
+def read_jobs(results: Results) -> list[dict[str, Any]]:
+    """Return the jobs of a study as last planned: scene, what varies, replicate and state each.
+
+    Sorted by these, so that what belongs together stands together.
+
+    Raises
+    ------
+    TableError
+        If there is no plan, or it is damaged.
+    """
+    finished = results.finished()
+    failed = results.failures(finished)
+    found = []
+    for row in results.plan()[0].to_pylist():
+        scenes = dict.fromkeys(scene for _, scene in json.loads(row["labels"]))
+        state = (
+            "done" if row["job"] in finished else "failed" if row["job"] in failed else "missing"
+        )
+        varied = {name: value for name, value in row.items() if name not in _OF_A_PLAN}
+        ends = {"replicate": row["replicate"], "state": state}
+        found.append({"job": row["job"], "scene": "; ".join(scenes), **varied, **ends})
+    return sorted(found, key=_place_of_job)
+
+
+def _place_of_job(job: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return what a job is sorted by: all but its id; values of a key may be of several types."""
+    _, *values = job.values()
+    return [("", "") if value is None else (type(value).__name__, value) for value in values]
+
+
+def describe_jobs(jobs: Sequence[Mapping[str, Any]]) -> str:
+    """Return the jobs of a study as lines for a person, one each."""
+    rows = [list(jobs[0]) if jobs else [], *([_shown(v) for v in job.values()] for job in jobs)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
 
 
 def watch(results: Results, show: Callable[[str], None]) -> None:

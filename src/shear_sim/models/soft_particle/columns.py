@@ -78,7 +78,7 @@ MEASURED = tuple(
         ("peak_strain", "1", "ε there"),
         ("rupture_strain", "1", "ε after it where a fifth of the stress is left"),
         ("links_broken", "1", "at the end of a tension"),
-        ("crack_share", "1", "of broken links, those of the largest crack: at cells in common"),
+        ("crack_share", "1", "of broken links, those of the largest crack: at neighbouring cells"),
         ("crack_span", "1", "width of the cells at it / width of the tissue"),
         ("breaking_error", "1", "|lost_by_breaking / criterion_energy − 1| at the end"),
     )

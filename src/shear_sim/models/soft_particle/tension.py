@@ -202,16 +202,35 @@ class Puller:
     def crack(self) -> tuple[float, float]:
         """Return the share of the broken links that are of the largest crack, and its span.
 
-        Links that broke at one cell are of one crack; the span is in x, over the width.
+        The span is that of the cells along it in x, over the width of the tissue.
         """
-        links, chain = self.system.links, self.system.chains.chain
-        broken = np.flatnonzero(links.intact == 0)
-        one, other = chain[links.vertex[broken]], chain[links.segment[broken]]
-        crack = _connected(one, other, len(self.system.chains.closed))[one]
-        largest = crack == np.bincount(crack).argmax()
-        x = np.concatenate([self.system.motion.x[self.system.chains.chain == cell]
-                            for cell in {*one[largest], *other[largest]}])  # fmt: skip
-        return float(largest.mean()), float(np.ptp(x)) / self.width
+        links, chains = self.system.links, self.system.chains
+        broken = links.intact == 0
+        one, other = chains.chain[links.vertex], chains.chain[links.segment]
+        crack = cracks(one, other, broken, len(chains.closed))
+        largest = crack == np.bincount(crack[broken]).argmax()
+        along = np.isin(chains.chain, [*one[broken & largest], *other[broken & largest]])
+        x = self.system.motion.x[along]
+        return float(largest[broken].mean()), float(np.ptp(x)) / self.width
+
+
+def cracks(one: Ints, other: Ints, broken: NDArray[np.bool_], cells: int) -> IndexArray:
+    """Return the number of the crack (L,) that each broken link is of; of others it means nothing.
+
+    Cells that have lost a link, and were linked to each other, are along one crack.
+
+    Parameters
+    ----------
+    one, other : (L,)
+        The two cells of each link.
+    broken : (L,)
+    cells : int
+        Number of all cells.
+    """
+    torn = np.zeros(cells, np.bool_)
+    torn[one[broken]] = torn[other[broken]] = True
+    along = torn[one] & torn[other]
+    return _connected(one[along], other[along], cells)[one]
 
 
 def _connected(one: Ints, other: Ints, count: int) -> IndexArray:

@@ -31,6 +31,9 @@ core K_∂Ω + K_Ω: ``core_ratio`` η = K_Ω/K_∂Ω.
 potential that counts everything once and is once continuously differentiable, friction that keeps
 angular momentum. Walls are planes with springs 2 k_n.
 
+A periodic cell sheared by γ(t) moves all vertices by dγ y, and what they move against that flow
+obeys m dw_x/dt = F_x − m γ̇ w_y: its work is −γ̇ (Σ F_x y + Σ m w_x w_y) over all pairs, V τ γ̇.
+
 **Motion.** m dv/dt = F, velocity Verlet; Eq. (SP.9) of ``motion`` is its energy balance. The step
 is a fraction of 2/ω, with a bound ω on all frequencies, cores and contacts included, Eq. (SP.10) of
 ``system``; the paper's √(m/k) forgets the core.

@@ -18,7 +18,7 @@ import numpy as np
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
-from shear_sim.models.soft_particle.friction import friction_forces
+from shear_sim.models.soft_particle.friction import add_virial, friction_forces
 from shear_sim.models.soft_particle.state import (
     LAST,
     ONE_SIDED,
@@ -103,7 +103,7 @@ def corner(
 @jit
 def find_touching(
     x: Floats, y: Floats, ex: Floats, ey: Floats, vertex: Ints, segment: Ints, kind: Ints,
-    reach: Floats, image: Ints, size: Floats, strain: float, touching: Ints,
+    reach: Floats, sx: Floats, sy: Floats, touching: Ints,
 ) -> int:  # fmt: skip
     """Write which of the listed pairs of vertex and segment touch; return how many.
 
@@ -113,9 +113,7 @@ def find_touching(
     count = 0
     for c in range(segment.shape[0]):
         v, s = vertex[c], segment[c]
-        qx, qy = x[v] - x[s], y[v] - y[s]
-        qx -= image[c, 0] * size[0] + image[c, 1] * strain * size[1]
-        qy -= image[c, 1] * size[1]
+        qx, qy = x[v] - sx[c] - x[s], y[v] - sy[c] - y[s]
         bx, by = ex[s], ey[s]
         limit = reach[c] * reach[c]
         square = bx * bx + by * by
@@ -150,7 +148,7 @@ def contact_forces(
     frictional = rules.friction > 0.0
     touching = find_touching(
         x, y, work.scratch[0], work.scratch[1], lists.vertex, lists.segment, lists.kind,
-        lists.reach, lists.image, cell.size, cell.strain[0], lists.touching,
+        lists.reach, lists.shift[0], lists.shift[1], lists.touching,
     )  # fmt: skip
     cell.images[:] = 0.0
     count = 0
@@ -158,8 +156,8 @@ def contact_forces(
         c = lists.touching[hit]
         v, s, kind, reach = lists.vertex[c], lists.segment[c], lists.kind[c], lists.reach[c]
         j = after[s]
-        sy = lists.image[c, 1] * cell.size[1]
-        sx = lists.image[c, 0] * cell.size[0] + sy * cell.strain[0]
+        sx, sy = lists.shift[0, c], lists.shift[1, c]
+        far = sx != 0.0 or sy != 0.0
         ux, uy = x[v] - sx, y[v] - sy
         # Beside the segment, at its first vertex, and at its second where the chain ends.
         for place in range(3 if kind == LAST else 2):
@@ -186,10 +184,8 @@ def contact_forces(
             fy[a] -= u * force * ny
             fx[b] -= w * force * nx
             fy[b] -= w * force * ny
-            cell.images[0, 0] += force * nx * sx
-            cell.images[0, 1] += force * nx * sy
-            cell.images[0, 2] += force * ny * sx
-            cell.images[0, 3] += force * ny * sy
+            if far:
+                add_virial(cell.images[0], force * nx, force * ny, sx, sy)
             if rules.dashpot > 0.0:
                 speed = (px[v] - u * px[a] - w * px[b] - cell.strain[1] * sy) * nx
                 speed += (py[v] - u * py[a] - w * py[b]) * ny
@@ -200,10 +196,8 @@ def contact_forces(
                 dy[a] -= u * loss * ny
                 dx[b] -= w * loss * nx
                 dy[b] -= w * loss * ny
-                cell.images[1, 0] += loss * nx * sx
-                cell.images[1, 1] += loss * nx * sy
-                cell.images[1, 2] += loss * ny * sx
-                cell.images[1, 3] += loss * ny * sy
+                if far:
+                    add_virial(cell.images[1], loss * nx, loss * ny, sx, sy)
             if frictional:
                 lists.place[count, 0], lists.place[count, 1] = v, s
                 lists.place[count, 2], lists.place[count, 3] = a, b
@@ -284,18 +278,15 @@ def wall_forces(
 
 @jit
 def contact_energy(
-    chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, walls: Walls,
-    cell: Cell,
-) -> tuple[float, float]:  # fmt: skip
+    chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, walls: Walls
+) -> tuple[float, float]:
     """Return the energies [J/m] of the normal and of the tangential springs of all contacts."""
     x, y, before, after = motion.x, motion.y, chains.before, chains.after
     normal = tangential = 0.0
     for c in range(lists.segment.shape[0]):
         v, s, kind, reach = lists.vertex[c], lists.segment[c], lists.kind[c], lists.reach[c]
         j = after[s]
-        sy = lists.image[c, 1] * cell.size[1]
-        sx = lists.image[c, 0] * cell.size[0] + sy * cell.strain[0]
-        ux, uy = x[v] - sx, y[v] - sy
+        ux, uy = x[v] - lists.shift[0, c], y[v] - lists.shift[1, c]
         overlap, _, _, _ = side(x, y, ux, uy, s, j, reach, kind)
         normal += 0.5 * rules.stiffness * overlap**2
         coefficient, overlap, _, _ = corner(x, y, ux, uy, before[s], s, j, reach, kind)

@@ -167,10 +167,10 @@ def friction_forces(
                 if run[q] != r:
                     continue
                 a, b, w, share = place[q, 2], place[q, 3], found[q, 3], found[q, 4]
-                images[0, 0] += share * force * tx * found[q, 5]
-                images[0, 1] += share * force * tx * found[q, 6]
-                images[0, 2] += share * force * ty * found[q, 5]
-                images[0, 3] += share * force * ty * found[q, 6]
+                if found[q, 5] != 0.0 or found[q, 6] != 0.0:
+                    add_virial(
+                        images[0], share * force * tx, share * force * ty, found[q, 5], found[q, 6]
+                    )
                 fx[a] -= (1.0 - w) * share * force * tx
                 fy[a] -= (1.0 - w) * share * force * ty
                 fx[b] -= w * share * force * tx
@@ -189,6 +189,15 @@ def friction_forces(
                 energy[SEPARATION] += 0.5 * spring[v, m] * spring[v, m] / rules.tangential
                 held[v, m] = -1
     return RUNNING
+
+
+@jit
+def add_virial(virial: Floats, fx: float, fy: float, sx: float, sy: float) -> None:
+    """Add f_x s_x, f_x s_y, f_y s_x, f_y s_y to ``virial`` (4,) [N]."""
+    virial[0] += fx * sx
+    virial[1] += fx * sy
+    virial[2] += fy * sx
+    virial[3] += fy * sy
 
 
 @jit

@@ -17,6 +17,7 @@ from shear_sim.models.soft_particle import rigid as bodies
 from shear_sim.models.soft_particle.contacts import contact_forces, wall_forces
 from shear_sim.models.soft_particle.kernels import shell_forces
 from shear_sim.models.soft_particle.links import link_forces
+from shear_sim.models.soft_particle.pairs import shift_images
 from shear_sim.models.soft_particle.state import (
     DAMPING,
     DRAG,
@@ -66,6 +67,8 @@ def apply_forces(
         if not damped:
             dx[k] = 0.0
             dy[k] = 0.0
+    if cell.size[1] > 0.0:
+        shift_images(lists, cell)
     link_forces(links, motion.x, motion.y, chains.after, fx, fy, work.energy)
     status = contact_forces(chains, lists, rules, motion, springs, cell, work)
     wall_forces(chains, rules, motion, springs, walls, work)

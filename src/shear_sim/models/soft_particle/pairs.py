@@ -98,7 +98,7 @@ def sort_by_vertex(
         begin[v + 1] += begin[v]
     segment = np.empty(begin[vertices], np.int32)
     kinds = np.empty(begin[vertices], np.int32)
-    image = np.empty((begin[vertices], 2), np.int32)
+    image = np.empty((2, begin[vertices]), np.int32)
     vertex = np.empty(begin[vertices], np.int32)
     filled = np.zeros(vertices, np.int32)
     for q in range(i.shape[0]):
@@ -110,11 +110,11 @@ def sort_by_vertex(
             at = begin[v] + filled[v]
             while at > begin[v] and segment[at - 1] > s:
                 segment[at], kinds[at] = segment[at - 1], kinds[at - 1]
-                image[at, 0], image[at, 1] = image[at - 1, 0], image[at - 1, 1]
+                image[0, at], image[1, at] = image[0, at - 1], image[1, at - 1]
                 at -= 1
             segment[at], kinds[at] = s, kind[way, q]
             sign = 1 if way == 0 else -1
-            image[at, 0], image[at, 1] = sign * nx[q], sign * ny[q]
+            image[0, at], image[1, at] = sign * nx[q], sign * ny[q]
             vertex[begin[v] + filled[v]] = v
             filled[v] += 1
     return vertex, segment, kinds, image
@@ -160,9 +160,21 @@ def near_segments(chains: Chains, x: Floats, y: Floats, skin: float, cell: Cell)
     )  # fmt: skip
     touch = chains.radius[chains.chain[vertex]] + chains.radius[chains.chain[segment]]
     count = len(vertex)
-    return Lists(
-        vertex, segment, kind, touch, image, np.array([strain]), np.array([reach + skin + longest]),
-        x.copy(), y.copy(),
+    lists = Lists(
+        vertex, segment, kind, touch, image, np.zeros((2, count)), np.array([strain]),
+        np.array([reach + skin + longest]), x.copy(), y.copy(),
         np.empty(count, np.int32), np.empty((3 * count, 4), np.int32), np.empty((3 * count, 7)),
         np.empty(3 * count, np.int32),
     )  # fmt: skip
+    shift_images(lists, cell)
+    return lists
+
+
+@jit
+def shift_images(lists: Lists, cell: Cell) -> None:
+    """Write where the images are now that the segments of all pairs belong to."""
+    width, height, strain = cell.size[0], cell.size[1], cell.strain[0]
+    for c in range(lists.segment.shape[0]):
+        nx, ny = lists.image[0, c], lists.image[1, c]
+        lists.shift[0, c] = nx * width + ny * strain * height
+        lists.shift[1, c] = ny * height

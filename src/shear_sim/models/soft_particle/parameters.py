@@ -20,7 +20,7 @@ class SoftParticleCell(Section):
         Literal["lees_edwards", "plates"],
         Field(
             description="lees_edwards: sheared periodic cell. plates: rings that cross its lower "
-            "edge are glued to a rigid rough plate there, whose image is the other one"
+            "edge are glued to a rigid rough plate there, whose image is the other one; ours"
         ),
     ] = "lees_edwards"
 
@@ -38,7 +38,7 @@ class SoftParticlePacking(Section):
             le=1.5,
             exclude_if=lambda value: value is None,
             description="φ of a suspension: Σ (A + P r + π r²) of its rings at rest, A and P of "
-            "mid-lines / area of the cell [-], not in percent. Default: 0.95",
+            "mid-lines / area of the cell [-], not in percent. Default: 0.95; ours",
         ),
         PERCENT,
     ] = None
@@ -137,13 +137,15 @@ class SoftParticleOscillatoryShear(Section):
 
     kind: Literal["oscillatory"]
     strain_amplitude: Annotated[
-        float, Field(gt=0, le=5, description="A [-], not in percent"), PERCENT
+        float, Field(gt=0, le=5, description="A [-], not in percent; ours"), PERCENT
     ] = 0.2
     relative_frequency: Annotated[
         float,
-        Field(gt=0, le=1, description="f T₁ [-], T₁: period of the slowest vibration of a ring"),
+        Field(
+            gt=0, le=1, description="f T₁ [-], T₁: period of the slowest vibration of a ring; ours"
+        ),
     ] = 0.05
-    periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
+    periods: Annotated[int, Field(ge=1, description="whole periods; ours")] = 3
 
 
 class Compaction(Section):

@@ -79,7 +79,8 @@ class Lists(NamedTuple):
     segment: Ints  # (C,)
     kind: Ints  # (C,) ONE_SIDED, TWO_SIDED or LAST
     reach: Floats  # (C,) distance of touching, the sum of both radii [m]
-    image: Ints  # (C, 2) widths and heights of the cell by which the segment is displaced
+    image: Ints  # (2, C) widths and heights of the cell by which the segment is displaced
+    shift: Floats  # (2, C) that displacement in x and y, now [m]
     strain: Floats  # (1,) of the cell when the lists were made
     span: Floats  # (1,) bound on the distance of a vertex from either end of its segments [m]
     x: Floats  # (V,) where the vertices were when the lists were made [m]

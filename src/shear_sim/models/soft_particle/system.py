@@ -287,12 +287,6 @@ class System:
         self.cell.strain[:] = 0.0, amplitude * self.cell.wave[1], 0.0
         self.begin()
 
-    def image_shifts(self) -> FloatArray:
-        """Return by how much the segment of each listed pair is displaced (C, 2) [m]."""
-        width, height = self.cell.size
-        nx, ny = self.lists.image.T
-        return np.column_stack([nx * width + ny * self.cell.strain[0] * height, ny * height])
-
     def stress(self) -> FloatArray:
         """Return σ_xx, σ_xy, σ_yx, σ_yy [Pa] of the cell, compression positive, dashpots included.
 
@@ -452,7 +446,7 @@ class System:
             ]
         ).sum(axis=0)
         contact = contact_energy(
-            self.chains, self.lists, self.rules, self.motion, self.springs, self.walls, self.cell
+            self.chains, self.lists, self.rules, self.motion, self.springs, self.walls
         )
         link = link_energy(self.links, self.motion.x, self.motion.y, self.chains.after)
         return (*map(float, parts), *contact, link)

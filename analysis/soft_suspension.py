@@ -26,6 +26,7 @@ ROWS = {
 }
 KINDS = ("elastic", "plastic")
 MODULI = {"storage_modulus": "$G'$", "loss_modulus": "$G''$"}
+ROOM = 2.0  # that panels leave for intervals
 SHARES = ("yield", "damping", "drag")
 
 
@@ -51,6 +52,8 @@ def draw(path: Path, curves: pd.DataFrame, unit: float) -> None:
             row[0].set_ylabel(f"{what}\n$G'$, $G''$ / ($k_b/R^2$)")
         for axis, core in zip(axes[0], cores, strict=True):
             axis.set_title(f"core $\\eta$ = {core:g}")
+            means = curves.loc[curves[CORE] == core, [f"{name}_mean" for name in MODULI]] / unit
+            axis.set_ylim(means.min().min() / ROOM, means.max().max() * ROOM)
         for axis in axes[-1]:
             axis.set_xlabel("strain amplitude $\\gamma_0$")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)

@@ -20,6 +20,7 @@ AMPLITUDE = "shear.strain_amplitude"
 METHODS = {"microgel": "microgel, loose discs", "hard_disc": "hard discs",
            "soft_particle": "soft particles"}  # fmt: skip
 MODULI = {"storage_modulus": "$G'$", "loss_modulus": "$G''$"}
+ROOM = 2.5  # that panels leave for intervals
 LANDMARKS = {"softening": "softens at", "yield": "yields at"}
 
 
@@ -33,7 +34,9 @@ def draw(path: Path, curves: pd.DataFrame) -> None:
                 axis.plot(part[AMPLITUDE], part[f"{name}_mean"], label=symbol, **look)
                 low, high = part[f"{name}_ci_low"], part[f"{name}_ci_high"]
                 axis.fill_between(part[AMPLITUDE], low, high, color=colour, alpha=0.15, lw=0)
-            axis.set(xscale="log", yscale="log", title=METHODS[scene])
+            means = part[[f"{name}_mean" for name in MODULI]]
+            shown = means.min().min() / ROOM, means.max().max() * ROOM
+            axis.set(xscale="log", yscale="log", ylim=shown, title=METHODS[scene])
             axis.set_xlabel("strain amplitude $\\gamma_0$")
             axis.legend()
         axes[0].set_ylabel("$G'$, $G''$ [Pa]")

@@ -40,6 +40,7 @@ def test_the_place_of_the_cell_means_nothing():
     """Energy, stress and forces are the same wherever rings are cut by the edges."""
     one = crystal()
     here = refresh(one)
+    assert here.reshape(2, -1).sum(axis=1) == pytest.approx([0.0, 0.0], abs=1e-14)
     for shift in ((0.7, -1.3), (-40.0, 25.0), (2 * one.cell.size[0], 0.0)):
         other = crystal(shift=shift)
         assert refresh(other) == pytest.approx(here, abs=1e-12)
@@ -60,16 +61,19 @@ def test_a_cell_sheared_by_a_width_is_the_same_lattice():
     assert one.stress() == pytest.approx(stress, rel=1e-9)
 
 
-def test_stress_is_the_slope_of_the_energy():
-    """τ V = ∂U/∂γ at affine shear, and the pressure of the cell is −∂U/∂V."""
+@pytest.mark.parametrize("plates", [False, True])
+def test_stress_is_the_slope_of_the_energy(plates):
+    """τ V = ∂U/∂γ at affine shear of what is not held, and the pressure of the cell is −∂U/∂V."""
     s = crystal(turn=0.1)
+    if plates:
+        s.hold(np.arange(24))  # the lower row
     x, y = s.motion.x.copy(), s.motion.y.copy()
     refresh(s)
     stress, volume = s.stress(), s.cell.size.prod()
     small = 1e-5
 
     def energy(strain, size):
-        s.motion.x[:], s.motion.y[:] = size * x + strain * y, size * y
+        s.motion.x[:], s.motion.y[:] = size * x + strain * s.motion.free_x * y, size * y
         s.cell.strain[0] = strain
         s.cell.size[:] *= size
         s._list()
@@ -79,8 +83,26 @@ def test_stress_is_the_slope_of_the_energy():
 
     slope = (energy(small, 1.0) - energy(-small, 1.0)) / (2 * small)
     assert -stress[1] * volume == pytest.approx(slope, rel=1e-5, abs=1e-9)
+    if plates:
+        return
     slope = (energy(0.0, 1 + small) - energy(0.0, 1 - small)) / (2 * small)
     assert (stress[0] + stress[3]) * volume == pytest.approx(-slope, rel=1e-5)
+
+
+def test_action_is_reaction_and_stress_symmetric():
+    """With friction and dashpots, across the edges too: no momentum comes up, and σ_xy = σ_yx."""
+    s = crystal(turn=0.1, damping=0.1, friction=0.3, contact_damping=0.2)
+    s.shear(0.1, 1.0 / (2000 * s.stable_step))
+    moved = 0.0
+    for _ in range(20):
+        s.advance(500)
+        momentum = [(s.chains.mass * v).sum() for v in (s.motion.vx, s.motion.vy)]
+        assert momentum == pytest.approx([0.0, 0.0], abs=1e-13)
+        xx, xy, yx, yy = s.stress()
+        assert xy == pytest.approx(yx, abs=1e-13 * (xx + yy))
+        moved = max(moved, abs(xy) / (xx + yy))
+    assert moved > 0.01
+    assert s.budget().sliding > 0.0
 
 
 def cycles(s, amplitude, period, count, rows=200):

@@ -120,7 +120,7 @@ def test_core_and_yield_change_the_moduli():
 
 
 def test_plates_stand_still_and_their_images_move():
-    """Glued rings keep their places; without drag and friction on them nothing else is held."""
+    """Glued rings keep their places, which takes no work; the others are sheared."""
     simulation = soft_particle.start(point(cell={"boundary": "plates"}), Streams(0, 0))
     motion, held = simulation.run.system.motion, simulation.run.system.held
     place = motion.x[held].copy(), motion.y[held].copy()

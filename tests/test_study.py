@@ -696,6 +696,8 @@ def test_reading_a_study_is_light():
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
         ("soft_particle_compaction", 4, 4),
+        ("soft_suspension", 96, 96),
+        ("three_methods", 60, 60),
         ("soft_tissue", 2, 2),
         ("particleshear", 840, 840),
     ],
@@ -730,6 +732,8 @@ def test_every_config_file_is_tested():
         "hard_disc",
         "soft_particle_ring",
         "soft_particle_compaction",
+        "soft_suspension",
+        "three_methods",
         "soft_tissue",
         "particleshear",
     }

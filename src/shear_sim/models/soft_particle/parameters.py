@@ -9,18 +9,44 @@ from shear_sim.models.interface import Point
 from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Impossible, Positive, Section, default_kind
 
+PACKING_FRACTION = 0.95  # of a suspension
+LARGEST_SPREAD = 2.5  # standard deviations at which radii are cut
+
+
+class SoftParticleCell(Section):
+    """What happens at the edges of the cell of a suspension."""
+
+    boundary: Annotated[
+        Literal["lees_edwards", "plates"],
+        Field(
+            description="lees_edwards: sheared periodic cell. plates: rings that cross its lower "
+            "edge are glued to a rigid rough plate there, whose image is the other one; ours"
+        ),
+    ] = "lees_edwards"
+
 
 class SoftParticlePacking(Section):
-    """Which particles there are: one ring, a box of them, or a tissue."""
+    """Which particles there are: one ring, a box of them, a suspension, or a tissue."""
 
     particles: Annotated[
         int,
         Field(
             ge=1,
             le=100_000,
-            description="rings; more than one: in a box of rigid walls, or of a tissue; section 5",
+            description="rings; more than one: in a box or a cell, or of a tissue; section 5",
         ),
     ] = 1
+    packing_fraction: Annotated[
+        float | None,
+        Field(
+            gt=0.7,
+            le=1.5,
+            exclude_if=lambda value: value is None,
+            description="φ of a suspension: Σ (A + P r + π r²) of its rings at rest, A and P of "
+            "mid-lines / area of the cell [-], not in percent. Default: 0.95; ours",
+        ),
+        PERCENT,
+    ] = None
     spread: Annotated[
         float,
         Field(
@@ -187,6 +213,22 @@ class DiametralCompression(Section):
         return 2 if self.unload else 1
 
 
+class SoftParticleOscillatoryShear(Section):
+    """Oscillatory shear γ(t) = A sin(2π t/T) of a dense suspension, T = T₁ / relative_frequency."""
+
+    kind: Literal["oscillatory"]
+    strain_amplitude: Annotated[
+        float, Field(gt=0, le=5, description="A [-], not in percent; ours"), PERCENT
+    ] = 0.2
+    relative_frequency: Annotated[
+        float,
+        Field(
+            gt=0, le=1, description="f T₁ [-], T₁: period of the slowest vibration of a ring; ours"
+        ),
+    ] = 0.05
+    periods: Annotated[int, Field(ge=1, description="whole periods; ours")] = 3
+
+
 class Compaction(Section):
     """A box of rings whose lid comes down at a constant speed, and goes up again."""
 
@@ -240,7 +282,7 @@ class Tension(Section):
 
 
 SoftParticleShear = Annotated[
-    DiametralCompression | Compaction | Tension,
+    DiametralCompression | Compaction | Tension | SoftParticleOscillatoryShear,
     Field(discriminator="kind"),
     default_kind("diametral_compression"),
 ]
@@ -264,7 +306,7 @@ class SoftParticleRecord(Section):
             ge=10,
             le=100_000,
             description="records; default 200 in diametral compression, 100 in compaction; twice "
-            "that if unloaded; 400 in tension",
+            "that if unloaded; 400 in tension, 200 per period in oscillatory shear",
         ),
     ] = None
     snapshots: Snapshots = None
@@ -273,6 +315,9 @@ class SoftParticleRecord(Section):
 class SoftParticlePoint(Point):
     """One simulation of soft particles."""
 
+    cell: Annotated[SoftParticleCell, Field(exclude_if=lambda cell: cell == SoftParticleCell())] = (
+        SoftParticleCell()
+    )
     packing: SoftParticlePacking = SoftParticlePacking()
     model: SoftParticle = SoftParticle()
     shear: SoftParticleShear = DiametralCompression()
@@ -285,30 +330,84 @@ class SoftParticlePoint(Point):
         return self.model.kind
 
     def resolved(self) -> Self:
-        """Return the point with its number of records filled in."""
-        one_way = {"diametral_compression": 200, "compaction": 100, "tension": 400}
-        rows = self.record.rows or one_way[self.shear.kind] * self.shear.strokes
+        """Return the point with its number of records and packing fraction filled in."""
+        packing, shear = self.packing, self.shear
+        if isinstance(shear, SoftParticleOscillatoryShear):
+            fraction = packing.packing_fraction or PACKING_FRACTION
+            packing = packing.model_copy(update={"packing_fraction": fraction})
+        per_unit = {"compaction": 100, "tension": 400}.get(shear.kind, 200)
+        rows = self.record.rows or per_unit * self._units
         record = self.record.model_copy(update={"rows": rows})
-        return self.model_copy(update={"record": record})
+        return self.model_copy(update={"record": record, "packing": packing})
+
+    @property
+    def _units(self) -> int:
+        """Periods, or strokes."""
+        shear = self.shear
+        if isinstance(shear, SoftParticleOscillatoryShear):
+            return shear.periods
+        return shear.strokes
 
     @model_validator(mode="after")
     def _keep_snapshots_within_the_run(self) -> Self:
-        strokes = self.shear.strokes
         rows = self.resolved().record.rows or 0
-        check_snapshots(self.record.snapshots, 0.0, strokes, rows / strokes)
+        check_snapshots(self.record.snapshots, 0.0, self._units, rows / self._units)
         return self
 
     @model_validator(mode="after")
-    def _one_ring_or_a_box(self) -> Self:
-        boxed = self.shear.kind != "diametral_compression"
-        if boxed != (self.packing.particles > 1):
+    def _one_ring_a_box_or_a_cell(self) -> Self:
+        sheared = isinstance(self.shear, SoftParticleOscillatoryShear)
+        needed = {
+            "compaction": "a compaction needs a box of rings",
+            "oscillatory": "a suspension needs rings",
+            "tension": "a tension needs the cells of a tissue",
+        }
+        if (self.shear.kind in needed) != (self.packing.particles > 1):
             message = (
-                f"a {self.shear.kind} needs a box of particles, and only it: packing.particles = "
-                "500, say"
-                if boxed
-                else "a box of rings needs shear.kind: compaction (or tension, of a tissue)"
+                f"{needed[self.shear.kind]}, and only it: packing.particles = 500, say"
+                if self.shear.kind in needed
+                else "a box of rings needs shear.kind: compaction (a suspension oscillatory, a "
+                "tissue tension)"
             )
             raise Impossible([(("packing.particles", "shear.kind"), message)])
+        keys = {
+            "packing.packing_fraction": self.packing.packing_fraction is not None and not sheared,
+            "cell.boundary": self.cell.boundary != "lees_edwards" and not sheared,
+            "packing.preparation": self.packing.preparation == "gravity" and sheared,
+        }
+        if any(keys.values()):
+            only = "a suspension (shear.kind: oscillatory)"
+            message = f"has no effect on {only}" if sheared else f"is for {only} only"
+            raise Impossible([((key, "shear.kind"), message) for key in keys if keys[key]])
+        return self
+
+    @model_validator(mode="after")
+    def _touch_no_image(self) -> Self:
+        if not isinstance(self.shear, SoftParticleOscillatoryShear):
+            return self
+        packing = self.resolved().packing
+        largest = 1.0 + min(LARGEST_SPREAD * packing.spread, 1.0)
+        # Mean radii; a ring may be drawn out to twice its width.
+        fewest = math.ceil((packing.packing_fraction or 0.0) * (4.0 * largest) ** 2 / math.pi)
+        if packing.particles < fewest:
+            message = (
+                f"in a cell of {packing.particles} rings one could touch its own image: at least "
+                f"{fewest}"
+            )
+            raise Impossible([(("packing.particles",), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _resolve_every_period(self) -> Self:
+        shear, rows = self.shear, self.record.rows
+        if not isinstance(shear, SoftParticleOscillatoryShear) or rows is None:
+            return self
+        if rows < 20 * shear.periods or rows % shear.periods:
+            message = (
+                f"{rows} records of {shear.periods} periods: G′ and G″ are read with nine "
+                f"harmonics and need 20 or more in each, as many in all: {20 * shear.periods}, say"
+            )
+            raise Impossible([(("record.rows", "shear.periods"), message)])
         return self
 
     @model_validator(mode="after")

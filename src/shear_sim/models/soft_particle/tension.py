@@ -135,7 +135,7 @@ class Puller:
         stress = self._bears(self.lid) / self.width
         budget = system.budget()
         cells = system.particle_energies()
-        _, circularity = shapes(system)
+        _, circularity = shapes(system.chains, system.motion)
         return ledger(budget) | {
             "time": system.time,
             "strain": math.log(self._height() / self.start),

@@ -192,7 +192,7 @@ def test_stop_and_go_on_to_the_same_bits():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("shear: {kind: tension}", "a tension needs a box of particles"),
+        ("shear: {kind: tension}", "a tension needs the cells of a tissue"),
         ("packing: {particles: 9}\nshear: {kind: tension}", "only a tissue can be pulled"),
         ("packing: {particles: 9, preparation: tissue}\nshear: {kind: compaction}",
          "a tissue needs shear.kind: tension"),

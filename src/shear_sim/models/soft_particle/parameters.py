@@ -300,12 +300,14 @@ class SoftParticlePoint(Point):
 
     @model_validator(mode="after")
     def _one_ring_or_a_box(self) -> Self:
-        boxed = self.shear.kind != "diametral_compression"
-        if boxed != (self.packing.particles > 1):
+        needed = {
+            "compaction": "a compaction needs a box of rings",
+            "tension": "a tension needs the cells of a tissue",
+        }
+        if (self.shear.kind in needed) != (self.packing.particles > 1):
             message = (
-                f"a {self.shear.kind} needs a box of particles, and only it: packing.particles = "
-                "500, say"
-                if boxed
+                f"{needed[self.shear.kind]}, and only it: packing.particles = 500, say"
+                if self.shear.kind in needed
                 else "a box of rings needs shear.kind: compaction (or tension, of a tissue)"
             )
             raise Impossible([(("packing.particles", "shear.kind"), message)])

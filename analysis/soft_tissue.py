@@ -37,7 +37,7 @@ CELLS = 30  # of the small tissue
 HIGH = 0.7  # of the largest stress: on the plateau
 LOW = 0.3  # of the largest stress: where a tissue is still elastic
 DROP = 0.02  # of the largest stress: what counts as a fall of it
-FULL = {"elastic": 4.0, "plastic": 0.4}  # W/W₀ at the end of the colours
+FULL = {"elastic": 4.0, "plastic": 0.8}  # W/W₀ at the end of the colours
 
 
 class Curve(NamedTuple):

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 from shear_sim import render
 from shear_sim.cli import app
-from shear_sim.figures.scene import (
-    Scene,
+from shear_sim.figures.geometry import (
     displacement,
     in_rectangle,
     interfaces,
@@ -19,6 +18,7 @@ from shear_sim.figures.scene import (
     particle_pressure,
     particle_tints,
 )
+from shear_sim.figures.scene import Scene
 from shear_sim.models.interface import CONTACT, LINK, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError

@@ -11,7 +11,7 @@ import pytest
 from tools import run, write_study
 from typer.testing import CliRunner
 
-from shear_sim import cli
+from shear_sim import cli, status
 from shear_sim.results import Results
 from shear_sim.tables import read_arrow, read_summary, write_arrow
 
@@ -142,9 +142,19 @@ def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path)
         ended, output = run(env, command, *study)
         assert ended == code, output
         assert "warning: 3 damaged result file(s) left out" in output
-        assert "see `shear-sim verify`" in output
+        assert f"`shear-sim verify {results.folder} --remove` sets them aside, then" in output
         assert "3 done" in output or "3 of 6 jobs done" in output
     assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
+
+
+def test_a_damaged_result_is_said_once(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "study")
+    shutil.copytree(folder / "results/study", results.folder)
+    path = results.job_file(min(results.finished()))
+    path.write_bytes(path.read_bytes()[:-5])
+    code, output = run(env, "report", results.folder)
+    assert (code, output.count("damaged result")) == (0, 1), output
 
 
 def test_show_a_result_and_a_failure(swept):
@@ -356,11 +366,15 @@ def test_verify_names_what_is_damaged_and_sets_it_aside_when_told(swept, tmp_pat
     path.write_bytes(content)
     code, output = run(env, "verify", results.folder)
     assert code == 1
-    assert f"damaged: {path}: damaged: its checksum is wrong" in output
+    assert f"damaged: {path}: damaged: its checksum is wrong\n" in output
     assert path.exists()
+    what_to_do = f"`shear-sim verify {results.folder} --remove` sets it aside, then"
+    for command in ("show", "run", "render"):
+        code, shown = run(env, command, path, "--results", tmp_path)
+        assert (code, what_to_do in shown) == (2, True), shown
     code, output = run(env, "verify", results.folder, "--remove")
     assert code == 1
-    assert "3 results, 1 damaged" in output
+    assert "3 results, 1 damaged\nnext: shear-sim sweep STUDY.yaml\n" in output
     assert (results.folder / "damaged" / path.name).read_bytes() == content
     code, output = run(env, "sweep", folder / "study.yaml", "--results", tmp_path / "results")
     assert "6 jobs: 1 new, 2 done, 3 failed" in output
@@ -393,6 +407,23 @@ def test_watching_ends_when_nothing_is_missing(swept):
     code, output = run(env, "status", folder / "results/study", "--watch")
     assert code == 0
     assert output.count("3 of 6 jobs done, 3 failed, 0 missing") == 1
+
+
+def test_watching_goes_on_until_there_is_a_plan(swept, tmp_path, monkeypatch):
+    """As where somebody watches before the first task has written one."""
+    results = Results(shutil.copytree(swept[0] / "results/study", tmp_path / "study"))
+    plan = results.plan_file.rename(tmp_path / "plan")
+    monkeypatch.setattr(status, "WATCH_SECONDS", 0.0)
+    shown = []
+
+    def show(text):
+        shown.append(text)
+        if len(shown) == 3:
+            plan.rename(results.plan_file)
+        assert len(shown) < 10
+
+    status.watch(results, show)
+    assert ["of ? jobs" in text for text in shown] == [True] * 3 + [False]
 
 
 def test_kernels_can_be_compiled_ahead(swept, tmp_path):

@@ -15,6 +15,7 @@ from shear_sim.models.interface import CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.plan import make_plan
 from shear_sim.protocol import snapshot_rows
+from shear_sim.render import read_kept
 from shear_sim.results import Results
 from shear_sim.runner import Stopped, run_job
 from shear_sim.single import repeat
@@ -432,6 +433,8 @@ def test_damage_is_found_and_the_job_can_run_again(tmp_path):
         assert list(results.damaged()) == [job.id]
         with pytest.raises(TableError, match=path.name):
             read_snapshots(results.snapshots, job.id)
+        with pytest.raises(TableError, match=f"`shear-sim verify {tmp_path} --remove` sets it"):
+            read_kept(results.job_file(job.id))
         results.set_aside(job.id)
         run_job(job, results.jobs)
         assert results.damaged() == {}

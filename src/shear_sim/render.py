@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
 from shear_sim.models.interface import Columns, Snapshot
-from shear_sim.results import ResultsError, read_job
+from shear_sim.results import ResultsError, advising, read_job
 from shear_sim.snapshots import beside, read_snapshots
 from shear_sim.tables import Table
 
@@ -70,7 +70,8 @@ def read_kept(path: Path) -> Kept:
             "runs anew"
         )
         raise ResultsError(msg)
-    snapshots = read_snapshots(beside(path), path.stem)
+    with advising(path):
+        snapshots = read_snapshots(beside(path), path.stem)
     return Kept(path, table, snapshots)
 
 

@@ -22,18 +22,21 @@ _OF_A_PLAN = ("job", "point", "replicate", "labels")  # its columns; the others 
 def read_status(results: Results) -> dict[str, Any]:
     """Return the state of a study, JSON-ready, from one listing and one question to Slurm.
 
-    ``planned`` and ``missing`` are None if the study was never planned in this folder; results
-    that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to
-    200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last hour, and
-    ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if it does not
-    answer. ``program`` is the one whose runs were imported, with no times then, or None.
+    ``problems`` are the plan or records of submissions that are missing or damaged, with what to
+    do; without a plan ``planned`` and ``missing`` are None. Results that the plan does not ask for
+    are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to 200 jobs, ``measured_jobs``,
+    scaled up. ``jobs_per_hour`` is that of the last hour, and ``seconds_left`` follows from it.
+    ``tasks`` are those of Slurm: None if it does not answer. ``program`` is the one whose runs were
+    imported, with no times then, or None.
     """
     stamps = results.stamps()
     failures = results.failures(stamps.keys())
+    submitted, problems = slurm.submissions(results)
+    planned = None
     try:
         planned = set(results.plan()[0].column("job").to_pylist())
-    except TableError:
-        planned = None
+    except TableError as error:
+        problems.append(str(error))
     finished = stamps.keys() if planned is None else stamps.keys() & planned
     of_plan = failures if planned is None else {j: f for j, f in failures.items() if j in planned}
     missing = None if planned is None else len(planned) - len(finished) - len(of_plan)
@@ -43,6 +46,7 @@ def read_status(results: Results) -> dict[str, Any]:
     rate = _rate(changed, time.time())
     return {
         "results": str(results.folder),
+        "problems": problems,
         "program": results.program(),
         "planned": None if planned is None else len(planned),
         "done": len(finished),
@@ -57,7 +61,7 @@ def read_status(results: Results) -> dict[str, Any]:
         "last_finished": max(changed, default=None),
         "jobs_per_hour": rate,
         "seconds_left": 3600 * missing / rate if rate and missing else None,
-        "tasks": _tasks(results, unfinished=missing != 0),
+        "tasks": _tasks(submitted, unfinished=missing != 0),
     }
 
 
@@ -74,9 +78,10 @@ def _rate(changed: list[float], now: float) -> float | None:
     return 3600 * len(recent) / max(now - min(recent), 1.0)
 
 
-def _tasks(results: Results, *, unfinished: bool) -> list[dict[str, Any]] | None:
+def _tasks(
+    submitted: Sequence[slurm.Submission], *, unfinished: bool
+) -> list[dict[str, Any]] | None:
     """Return the job numbers of Slurm, the oldest first, with the states of their tasks."""
-    submitted = slurm.submissions(results)
     queue = slurm.queue() if submitted else []
     if queue is None:
         return None
@@ -101,6 +106,7 @@ def describe_status(status: Mapping[str, Any]) -> str:
     lines = [f"{status['results']}: {status['done']} of {total} jobs done"]
     if status["missing"] is not None:
         lines[0] += f", {len(status['failed'])} failed, {status['missing']} missing"
+    lines += [f"  {problem}" for problem in status["problems"]]
     if status["program"]:
         lines.append(f"  runs of {status['program']}, imported; {size(status['disk_bytes'])}")
     elif status["measured_jobs"]:
@@ -182,7 +188,7 @@ def watch(results: Results, show: Callable[[str], None]) -> None:
     while True:
         status = read_status(results)
         show(describe_status(status))
-        if not status["missing"]:
+        if status["missing"] == 0:
             return
         time.sleep(WATCH_SECONDS)
 

@@ -365,7 +365,8 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    return 0.0, bottom, wide, top - bottom
+    aside = rim if any(abs(wall[0]) > 0.5 for wall in first.walls) else 0.0
+    return -aside, bottom, wide + 2 * aside, top - bottom
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:

@@ -5,7 +5,7 @@ import pytest
 from hard_discs import drive, flow, packed_flow, packing
 
 from shear_sim.models import hard_disc
-from shear_sim.models.hard_disc.active_set import Jammed
+from shear_sim.models.hard_disc.active_set import Arrested, Jammed
 from shear_sim.models.hard_disc.certificate import certify, constrained, is_proof
 from shear_sim.models.hard_disc.parameters import HardDiscPoint
 from shear_sim.streams import Streams
@@ -84,6 +84,17 @@ def test_a_square_of_four_jams_where_geometry_says():
     assert f.width == pytest.approx(2.0, rel=1e-12)
     assert found["load"] < 0
     assert found["unbalanced_force"] < 1e-12
+
+
+def test_a_disc_never_passes_its_own_image():
+    """Two discs, one small enough to lie between the other's images: no pair of discs stops them.
+
+    Without a word they went on to φ = 1.1.
+    """
+    f = flow([(2, 2), (4.5, 4.5)], [1.0, 0.2], side=5, compression=1)
+    with pytest.raises(Arrested, match=r"of diameter 2, could touch its own image"):
+        f.advance(2.0)
+    assert 2.0 < f.width < 2.5
 
 
 def test_a_cage_of_immobile_discs_jams_the_one_inside():

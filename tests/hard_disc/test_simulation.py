@@ -109,6 +109,18 @@ def test_a_job_through_the_runner(tmp_path):
     assert measured["viscous_number"] * measured["scaled_pressure"] == pytest.approx(1)
 
 
+@pytest.mark.parametrize(
+    "shear", [{"kind": "steady", "strain": 0.05}, {"kind": "body_force", "duration": 2.0}]
+)
+def test_discs_that_never_meet_are_a_result_too(shear, tmp_path):
+    """No pressure to divide by: the ratios are absent, and the run is kept."""
+    given = point(packing={"discs": 4, "packing_fraction": 0.02}, shear=shear)
+    measured = read_job(run_job(Job.create(given, 1, 0), tmp_path)).summary["measured"]
+    assert measured["scaled_pressure"] == 0
+    assert measured["friction_coefficient"] is measured["viscous_number"] is None
+    assert measured["mean_packing_fraction"] == pytest.approx(0.02)
+
+
 def test_arrest_says_where_and_why_and_keeps_its_records(monkeypatch):
     """No step is accurate enough here: what was recorded before stays, and is no verdict."""
     run = hard_disc.start(point(shear=STEADY), Streams(3, 0))

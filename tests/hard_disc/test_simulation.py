@@ -75,6 +75,20 @@ def test_the_checks_of_a_run_find_faults(monkeypatch):
     assert checks["area_residual"] == pytest.approx(1e-6, rel=1e-6)
 
 
+def test_velocities_of_snapshots_at_fixed_pressure_keep_contacts_closed():
+    """r·(v_j − v_i) = 0, where the images move with the cell: γ̇ upwards, −κ along the lattice."""
+    run = finished(point(shear=STEADY | {"scaled_pressure": 30.0}, record={"snapshots": 20}))
+    kappa, compared = run.columns()["compression_ratio"], 0
+    for s in run.snapshots[1:]:
+        lattice = s.separation - s.position[s.j] + s.position[s.i]
+        relative = s.velocity[s.j] - s.velocity[s.i] - kappa[s.row] * lattice
+        relative[:, 0] += lattice[:, 1]
+        assert np.abs((relative * s.separation).sum(axis=1)).max() < 1e-9
+        compared += len(lattice)
+    assert compared > 200
+    assert np.abs(kappa).max() > 0.1
+
+
 def test_oscillation_turns_at_its_amplitude():
     """Within a half period only the strain counts, so records of equal strain scale with the rate.
 
@@ -129,6 +143,9 @@ def test_a_job_through_the_runner(tmp_path):
         measured["scaled_shear_stress"] / measured["scaled_pressure"]
     )
     assert measured["viscous_number"] * measured["scaled_pressure"] == pytest.approx(1)
+    events = result.columns["events"]
+    per_disc = (events[-1] - events[120]) / (32 * 0.28)
+    assert measured["events_per_disc_path"] == pytest.approx(per_disc)
 
 
 @pytest.mark.parametrize(

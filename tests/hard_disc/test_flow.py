@@ -50,6 +50,19 @@ def test_every_step_is_free_of_overlap_and_balances_power(pressure):
     assert f.counts.rebuilds > 2
 
 
+@pytest.mark.parametrize("pressure", [0.0, 30.0])
+def test_a_step_closes_the_gaps_of_contacts(pressure):
+    """All discs put off by 1e-11: their contacts are closed again after one step (eq. 28)."""
+    f = packed_flow(shear=1, compression=10.0 if pressure else 0.0, pressure=pressure)
+    f.advance(0.4)
+    f.x += 1e-11 * np.random.default_rng(0).normal(size=32)
+    f.separate()
+    assert np.abs(f.gap[f.set.pairs]).max() > 1e-12
+    f.step(5.0)
+    assert len(f.set.pairs) > 20
+    assert np.abs(f.gap[f.set.pairs]).max() < 1e-13
+
+
 @pytest.mark.parametrize("pressure", [0.0, 10.0])
 def test_positions_do_not_depend_on_the_step(pressure):
     """The step bound cut by 5 and by 125 moves no disc by more than 1e-10 in 0.1 strain."""

@@ -157,6 +157,8 @@ def test_a_jammed_run_says_so_and_keeps_its_records():
     assert columns["compression"] == pytest.approx(columns["time"], abs=1e-12)
     assert (columns["packing_fraction"] <= summary["measured"]["final_packing_fraction"]).all()
     assert columns["scaled_pressure"][-1] > 10
+    rattlers = 32 - summary["certificate"]["discs"]
+    assert summary["measured"]["rattler_fraction"] == pytest.approx(rattlers / 32)
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,18 @@ def test_a_cage_of_immobile_discs_jams_the_one_inside():
     assert f.path == pytest.approx(np.log(1.3), rel=1e-12)
 
 
+@pytest.mark.parametrize(("seed", "bears"), [(0, True), (7, False)])
+def test_an_immobile_disc_pins_a_packing_only_where_it_bears(seed, bears):
+    """N_c = 2 N̄ + 1 with it among those that bear force, 2 N̄ − 1 where it is a rattler."""
+    position, radius, side = packing(32, 0.75, seed)
+    mobility = np.ones(32)
+    mobility[20] = 0.0
+    found = jam(flow(position, radius, side, mobility=mobility, compression=1))
+    assert is_proof(found)
+    assert found["isostatic"]
+    assert found["contacts"] == 2 * found["discs"] + (1 if bears else -1)
+
+
 def test_a_disc_on_two_contacts_is_a_rattler():
     """Beside the caged disc another one lies in the notch of two of the cage, pushed into it."""
     angles = np.array([-np.pi / 2, np.pi / 6, 5 * np.pi / 6])

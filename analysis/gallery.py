@@ -54,8 +54,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
     "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
     "hard_disc_self_propelled": {"colour": "speed", "contacts": "none"},
-    "hard_disc_inclined_plane": {"colour": "speed"},
-    "hard_disc_hopper": {"colour": "speed"},
+    "hard_disc_inclined_plane": {"colour": "speed", "contacts": "force"},
+    "hard_disc_hopper": {"colour": "speed", "contacts": "force"},
 }  # fmt: skip
 
 

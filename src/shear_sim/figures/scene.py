@@ -134,7 +134,7 @@ class Scene:
     def _readable(self, first: Snapshot) -> str:
         if self._shell or not first.periodic:
             return "force"
-        if self.diameter < _SMALL_DISC and (first.kind == LINK).any():
+        if self.diameter < _SMALL_DISC and (self.colour != "particle" or LINK in first.kind):
             return "none"  # particles are seen by their colours
         held = any((s.kind != CONTACT).any() for s in self.snapshots)
         return "state" if held and self.diameter >= _SMALL_DISC else "force"
@@ -223,7 +223,8 @@ class Scene:
             push = _PUSH_ON_SCALE if self._values else _PUSH
             one = self._shell and not self._many
             way = "length: force / largest" if one else "width: force / mean"
-            shown += [line(push, f"push; {way}{', above it' * self._small}")]
+            way = "above the mean" if self._small else way
+            shown += [line(push, f"push; {way}")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
         if not shown:
             return None

@@ -39,7 +39,7 @@ from shear_sim.figures import (
 )
 from shear_sim.figures.lissajous import _mean_waves
 from shear_sim.figures.panels import FOOT_MARK
-from shear_sim.variation import variation
+from shear_sim.variation import by_scene, variation
 
 
 def lines(axis):
@@ -631,3 +631,14 @@ def test_areas_keep_their_colours_exactly():
     picture = Image.fromarray(sheet)
     shown = picture.quantize(palette=style.palette([picture], 128), dither=Image.Dither.NONE)
     assert (np.asarray(shown.convert("RGB"))[:60] == sheet[:60]).all()
+
+
+def test_a_table_made_column_by_column_can_grow():
+    """pandas warns of a column beyond a hundred that is put in by itself: a user sees that."""
+    points = pd.DataFrame({"scene": ["one"]})
+    for column in range(50):
+        points[str(column)] = 1.0
+    points = pd.concat([points, points.iloc[:, 1:].add_prefix("_")], axis=1)
+    table = by_scene(points)
+    table["one more"] = 2.0
+    assert table.shape == (1, 102)

@@ -119,7 +119,8 @@ def displacement(now: Snapshot, first: Snapshot, strain: float) -> FloatArray:
         up = np.rint(away[:, 1] / now.height)
         away -= np.column_stack([up * now.offset, up * now.height])
         away[:, 0] -= np.rint(away[:, 0] / now.width) * now.width
-    return away - away.mean(axis=0)
+    away -= away.mean(axis=0)
+    return away
 
 
 def particle_tints(s: Snapshot) -> NDArray[np.str_]:

@@ -197,7 +197,7 @@ def palette(pictures: "Sequence[Picture]", count: int = 256) -> "Picture":
         top += each.height
     exact = count * 3 // 8
     found = sorted(sheet.getcolors(1 << 24) or [], reverse=True)
-    often = [colour for _, colour in found[: 4 * exact]]
+    often = np.array([colour for _, colour in found[: 4 * exact]], np.int64)
     rest = sheet.quantize(
         count - exact, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
     )

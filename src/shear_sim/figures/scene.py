@@ -225,7 +225,9 @@ class Scene:
             way = "length: force / largest" if one else "width: force / mean"
             way = "above the mean" if self._small else way
             shown += [line(push, f"push; {way}")]
-            shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
+            # Bars of a shell are drawn as its outline, whatever force is in them.
+            pulls = ((s.normal < 0) & ~(self._shell & (s.kind == LINK)) for s in self.snapshots)
+            shown += [line(_PULL, "pull")] * any(pull.any() for pull in pulls)
         if not shown:
             return None
         return axis.legend(

@@ -179,11 +179,12 @@ def test_compression_and_then_shear():
     assert columns["packing_fraction"][-1] == pytest.approx(0.8 * np.exp(0.02 - 0.04), rel=1e-12)
 
 
-def study(tmp_path, state, shear=None):
+def study(tmp_path, state, shear=None, more=""):
     (tmp_path / "state.json").write_text(json.dumps(state))
     text = (
         "model: {kind: hard_disc}\npacking: {start: file, file: state.json}\n"
         f"shear: {json.dumps(shear or {'kind': 'steady', 'strain': 0.1})}\nrecord: {{rows: 100}}\n"
+        f"{more}"
     )
     return read_study(text.encode(), tmp_path / "study.yaml").jobs()[0]
 
@@ -231,6 +232,16 @@ def test_a_start_file_in_metres_is_refused(tmp_path):
         study(tmp_path, state | {"radius": [5e-7] * 2})
 
 
+def test_bonds_of_a_start_file_need_events(tmp_path):
+    """Time steps only push: triangles came apart by 0.4 diameters in a strain of 0.3."""
+    state = {"width": 8, "height": 8, "x": [1, 2, 5], "y": [1, 1, 5], "radius": [0.5] * 3}
+    steps = "integrator: {scheme: time_steps, strain_step: 0.001}\n"
+    study(tmp_path, state, more=steps)
+    study(tmp_path, state | {"bonds": [[0, 1]]})
+    with pytest.raises(StudyError, match="it has 1 bonds, which time_steps would open"):
+        study(tmp_path, state | {"bonds": [[0, 1]]}, more=steps)
+
+
 @pytest.mark.parametrize("upward", [0.0, 1.0, -7.3])
 def test_an_overlapping_start_file_is_refused(tmp_path, upward):
     """Wherever the two are: across the edges of the sheared cell, too."""
@@ -253,6 +264,13 @@ def test_an_overlapping_start_file_is_refused(tmp_path, upward):
         ("packing: {walls: {kind: floor}}", "walls stand still"),
         ("packing: {walls: {kind: floor, orifice: 3}}", "only a hopper has one"),
         ("packing: {start: file}", "start: file needs the name of a file"),
+        (
+            (
+                "packing: {discs: 24, packing_fraction: 0.5, body: triangle}\n"
+                "integrator: {scheme: time_steps, strain_step: 0.001}"
+            ),
+            "time_steps are for single discs",
+        ),
         ("shear: {kind: stages, stages: [{shear: 2, length: 1}]}", "must be at most 1"),
     ],
 )

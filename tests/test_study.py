@@ -697,6 +697,7 @@ def test_reading_a_study_is_light():
         ("soft_particle_ring", 5, 5),
         ("soft_particle_compaction", 4, 4),
         ("soft_tissue", 2, 2),
+        ("film", 2, 2),
         ("particleshear", 840, 840),
     ],
 )
@@ -731,6 +732,7 @@ def test_every_config_file_is_tested():
         "soft_particle_ring",
         "soft_particle_compaction",
         "soft_tissue",
+        "film",
         "particleshear",
     }
 

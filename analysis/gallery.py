@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
@@ -22,13 +23,14 @@ from shear_sim.study import Job, StudyPoint, load_study
 from shear_sim.workers import compile_for
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-STUDIES = (
-    "main",
-    "hard_disc",
-    "hard_disc/snapshots",
-    "soft_particle_ring",
-    "soft_particle_compaction",
-)
+#: What the names of pictures begin with, by study.
+STUDIES = {
+    "main": "microgel",
+    "hard_disc": "hard_disc",
+    "hard_disc/snapshots": "hard_disc",
+    "soft_particle_ring": "soft_particle",
+    "soft_particle_compaction": "soft_particle_box",
+}
 SIDE = 1.75  # inches
 BOX = 120  # soft particles, of the 500
 #: Snapshots in a unit of the protocol, where a study says nothing.
@@ -52,8 +54,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
     "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
     "hard_disc_self_propelled": {"colour": "speed", "contacts": "none"},
-    "hard_disc_inclined_plane": {"colour": "speed"},
-    "hard_disc_hopper": {"colour": "speed"},
+    "hard_disc_inclined_plane": {"colour": "speed", "contacts": "force"},
+    "hard_disc_hopper": {"colour": "speed", "contacts": "force"},
 }  # fmt: skip
 
 
@@ -99,6 +101,10 @@ def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
         scene = Scene(axis, snapshots, kept.strain[number : number + 1], colour, contacts)
         scene.show(0)
         style.save_as(figure, path)
+    with Image.open(path) as drawn:
+        picture = drawn.convert("RGB")
+    small = picture.quantize(palette=style.palette([picture], 128), dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB, of {kept.path}")
 
 
@@ -108,11 +114,11 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of pictures")
     given = parser.parse_args()
     jobs = {}
-    for name in STUDIES:
-        study = load_study(CONFIGS / f"{name}.yaml")
+    for file, prefix in STUDIES.items():
+        study = load_study(CONFIGS / f"{file}.yaml")
         for scene in dict.fromkeys(label for p in study.points for _, label in p.labels):
             points = [p for p in study.points if scene in {label for _, label in p.labels}]
-            name = f"{points[0].point.kind}_{scene}"
+            name = f"{prefix}_{scene}"
             jobs[name] = job_of(points, LOOKS.get(name, {}).get("point", {}), study.seed)
     compile_for(list(jobs.values()), lambda: print("compiling the kernels"))
     results = Results(given.results / "gallery")

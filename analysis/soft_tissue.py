@@ -37,7 +37,7 @@ CELLS = 30  # of the small tissue
 HIGH = 0.7  # of the largest stress: on the plateau
 LOW = 0.3  # of the largest stress: where a tissue is still elastic
 DROP = 0.02  # of the largest stress: what counts as a fall of it
-FULL = {"elastic": 4.0, "plastic": 0.4}  # W/W₀ at the end of the colours
+FULL = {"elastic": 4.0, "plastic": 0.8}  # W/W₀ at the end of the colours
 
 
 class Curve(NamedTuple):
@@ -235,13 +235,13 @@ def draw(path: str, jobs: dict[str, Kept]) -> None:
     axis.plot(whole[:, 1], whole[:, 0], ".", color="0.7", ms=2, label="whole")
     axis.plot(broken[:, 1], broken[:, 0], "o", color="C3", ms=3, mfc="none", label="at its break")
     axis.set(xlabel="$f_t/f_t^0$", ylabel="pull $f_n/f_n^0$", ylim=(-0.05, 1.25))
-    axis.legend(frameon=False, fontsize=7, loc="upper right", ncols=2, handletextpad=0.1)
+    axis.legend(frameon=False, fontsize=7, loc="upper center", ncols=2, handletextpad=0.1)
     for axis in axes[:, 3]:
         axis.spines[["top", "right"]].set_visible(False)
         axis.tick_params(labelsize=6)
         axis.xaxis.label.set_size(7)
         axis.yaxis.label.set_size(7)
-    figure.savefig(path, dpi=200)
+    figure.savefig(path, dpi=150)
 
 
 def read_tissues(results: Path) -> dict[str, Kept]:

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from shear_sim import render
 from shear_sim.cli import app
-from shear_sim.figures.scene import (
-    Scene,
+from shear_sim.figures.geometry import (
+    between_shells,
     displacement,
     in_rectangle,
     interfaces,
@@ -19,10 +19,12 @@ from shear_sim.figures.scene import (
     particle_pressure,
     particle_tints,
 )
+from shear_sim.figures.scene import Scene, view
 from shear_sim.models.interface import CONTACT, LINK, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
+from shear_sim.snapshots import clusters
 from shear_sim.study import load_study
 
 STUDY = """
@@ -130,8 +132,12 @@ def test_pressures_of_particles_sum_to_that_of_the_cell():
     assert (particle_pressure(s) * np.pi * s.radius**2).sum() == pytest.approx(virial)
 
 
-def test_an_affine_deformation_displaces_nothing():
-    """Shear by 1.3 and compression by a tenth, in other images and a cell of less offset."""
+@pytest.mark.parametrize("still", [0.0, 0.5])
+def test_an_affine_deformation_displaces_nothing(still):
+    """Shear by 1.3 and compression by a tenth, in other images and a cell of less offset.
+
+    The flow stands still at the foot of the cell, or halfway, as that of all models does.
+    """
     first = many(50)._replace(offset=0.0)
     x, y = 0.9 * first.position.T
     side, strain = 0.9 * first.width, 1.3
@@ -139,10 +145,12 @@ def test_an_affine_deformation_displaces_nothing():
     away = np.zeros((50, 2))
     away[7] = 0.3, -0.2
     now = first._replace(
-        position=np.column_stack([x + strain * y, y]) + away + [2 * side - offset, -side],
+        position=np.column_stack([x + strain * (y - still * side), y]) + away
+        + [2 * side - offset, -side],
         width=side, height=side, offset=offset,
     )  # fmt: skip
-    assert displacement(now, first, strain) == pytest.approx(away, abs=1e-9)
+    expected = away - away.mean(axis=0)
+    assert displacement(now, first, strain) == pytest.approx(expected, abs=1e-9)
 
 
 def test_particles_lie_in_the_rectangle_and_are_images_of_themselves():
@@ -181,19 +189,30 @@ def test_the_cell_is_drawn_with_its_images():
 
 
 @pytest.mark.parametrize(
-    ("count", "edges", "contacts"), [(150, True, "state"), (10_000, False, "force")]
+    ("count", "edges", "linked", "contacts"),
+    [(150, True, True, "state"), (10_000, False, True, "none"), (10_000, False, False, "force")],
 )
-def test_few_and_many_discs_are_legible(count, edges, contacts):
-    """Edges and states of contacts where discs are 7 points and more across, else forces alone."""
+def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
+    """Edges and states of contacts where discs are 7 points and more across.
+
+    Else the colours of linked particles, or the forces above the mean where there are none.
+    """
     s = many(count)
-    linked = s._replace(kind=np.where(np.arange(len(s.i)) % 2, LINK, CONTACT).astype(np.int8))
-    drawn = scene([linked])
+    s = s._replace(normal=np.linspace(0, 2, len(s.i)))
+    if linked:
+        s = s._replace(kind=np.where(np.arange(len(s.i)) % 2, LINK, CONTACT).astype(np.int8))
+    drawn = scene([s])
     drawn.show(0)
     assert (drawn.diameter > 7) == edges
     assert (drawn.artists[0].get_linewidth()[0] > 0) == edges
     assert drawn.contacts == contacts
     widths = np.asarray(drawn.artists[3 if contacts == "force" else 2].get_linewidth())
-    assert widths.max() < 0.5 * drawn.diameter
+    assert widths.max() < 0.5 * max(drawn.diameter, 3)
+    lines = sum(len(artist.get_paths()) for artist in drawn.artists[1:4])
+    if contacts == "none":
+        assert lines == 0
+    elif contacts == "force":
+        assert len(s.i) / 2 < lines < 0.7 * len(s.i)  # with those of images
 
 
 def test_lines_are_as_wide_as_forces_are_strong():
@@ -260,11 +279,18 @@ def test_a_picture_is_written(jobs, tmp_path, monkeypatch):
     assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(tmp_path):
-    (tmp_path / "study.yaml").write_text(BOX)
-    (tmp_path / "jobs").mkdir()
-    [job] = load_study(tmp_path / "study.yaml").jobs()
-    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    """A job of four soft particles under a lid, with its snapshots."""
+    folder = tmp_path_factory.mktemp("box")
+    (folder / "study.yaml").write_text(BOX)
+    (folder / "jobs").mkdir()
+    [job] = load_study(folder / "study.yaml").jobs()
+    return render.read_kept(run_job(job, folder / "jobs"))
+
+
+def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(box, tmp_path):
+    kept = box
     render.write_picture(kept, tmp_path / "box.png", -1)
     with Image.open(tmp_path / "box.png") as image:
         assert image.size[0] > 1500
@@ -295,7 +321,7 @@ def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
     assert drawn.contacts == "none"
     drawn.show(1)
     assert len(drawn.artists[0].get_paths()) == 9
-    assert len(np.unique(drawn.artists[0].get_facecolor(), axis=0)) == 9
+    assert len(np.unique(drawn.artists[0].get_facecolor(), axis=0)) > 5
     [(stress, label), (broken, _)], (against, strain) = render._curves(kept)
     assert (label, against) == ("tensile stress [Pa]", "strain")
     assert np.array_equal(stress, -kept.table.columns["stress_yy"])
@@ -306,8 +332,63 @@ def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
 def test_only_soft_particles_have_energies(jobs, tmp_path):
     for way in ([], ["--film"]):
         shown = call(jobs, jobs["kept"], "--colour", "energy", *way)
-        assert shown.exit_code == 2
-        assert "no energies of its particles" in shown.stderr
+        assert isinstance(shown.exception, ResultsError)  # which `main` says, with exit code 2
+        assert "no energies of its particles" in str(shown.exception)
+
+
+def test_forces_between_soft_particles_are_sums_over_their_vertices(box):
+    """Of all contacts of two particles as vectors, one by one; what a wall bears is unchanged."""
+    s = max(box.snapshots, key=lambda each: each.normal[each.kind != LINK].sum())
+    merged, body = between_shells(s), clusters(s)
+    assert len(merged.radius) == 4
+    assert len({*zip(merged.i.tolist(), merged.j.tolist(), strict=True)}) == len(merged.i)
+    sums = {}
+    for i, j, r, push, kind in zip(s.i, s.j, s.separation, s.normal, s.kind, strict=True):
+        if kind != LINK:
+            a, b = int(body[i]), int(body[j]) if j >= 0 else int(j)
+            sign = 1 if b < 0 or a < b else -1
+            pair = (a, b) if sign == 1 else (b, a)
+            sums[pair] = sums.get(pair, 0) + sign * push * r / math.hypot(*r)
+    found = dict(zip(zip(merged.i, merged.j, strict=True), merged.normal, strict=True))
+    assert found == {pair: pytest.approx(math.hypot(*f)) for pair, f in sums.items()}
+    walls = -1 - s.j[s.j < 0]
+    assert np.bincount(-1 - merged.j[merged.j < 0], merged.normal[merged.j < 0]) == pytest.approx(
+        np.bincount(walls, s.normal[s.j < 0])
+    )
+    for i, j, r in zip(merged.i, merged.j, merged.separation, strict=True):
+        if j < 0:  # the line of a force ends on its wall
+            x, y, place = s.walls[-1 - j]
+            assert (merged.position[i] + r) @ [x, y] == pytest.approx(place, abs=1e-9)
+
+
+def test_a_disc_in_place_of_a_shell_has_its_area_and_place(box):
+    s = box.snapshots[0]
+    discs, body = between_shells(s), clusters(s)
+    for number in range(4):
+        own = s.position[body == number]
+        turn = np.argsort(np.arctan2(*(own - own.mean(axis=0)).T[::-1]))
+        assert np.pi * discs.radius[number] ** 2 == pytest.approx(area(own[turn]))
+        assert discs.position[number] == pytest.approx(own.mean(axis=0))
+
+
+def test_a_picture_shows_what_is_between_the_walls(box):
+    """From the floor to where the lid was highest, and the side walls; of a cell also its rim."""
+    left, bottom, width, height = view(box.snapshots)
+    first = box.snapshots[0]
+    lid = max(-wall[2] for s in box.snapshots for wall in s.walls if wall[1] < 0)
+    assert (left < 0, bottom < 0) == (True, True)
+    assert lid < bottom + height < 1.1 * lid
+    assert first.width < left + width < 1.1 * first.width
+    pressed = max(box.snapshots, key=lambda s: wall_force(s))
+    assert view([pressed])[3] < height
+    cell = many(60)
+    left, bottom, width, height = view([cell])
+    assert (left, bottom) == (pytest.approx(-1.4 * 0.7), left)
+    assert width == height == pytest.approx(cell.width - 2 * left)
+
+
+def wall_force(s):
+    return s.normal[s.j < 0].sum()
 
 
 def test_a_film_has_a_frame_for_each_snapshot(jobs, tmp_path):

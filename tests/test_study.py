@@ -699,6 +699,7 @@ def test_reading_a_study_is_light():
         ("soft_suspension", 96, 96),
         ("three_methods", 60, 60),
         ("soft_tissue", 2, 2),
+        ("film", 2, 2),
         ("particleshear", 840, 840),
     ],
 )
@@ -735,6 +736,7 @@ def test_every_config_file_is_tested():
         "soft_suspension",
         "three_methods",
         "soft_tissue",
+        "film",
         "particleshear",
     }
 

@@ -12,23 +12,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
-from shear_sim.render import Kept, read_kept
+from shear_sim.render import Kept, palette, read_kept
 from shear_sim.results import Results
 from shear_sim.runner import run_job
 from shear_sim.study import Job, StudyPoint, load_study
 from shear_sim.workers import compile_for
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-STUDIES = (
-    "main",
-    "hard_disc",
-    "hard_disc/snapshots",
-    "soft_particle_ring",
-    "soft_particle_compaction",
-)
+#: What the names of pictures begin with, by study.
+STUDIES = {
+    "main": "microgel",
+    "hard_disc": "hard_disc",
+    "hard_disc/snapshots": "hard_disc",
+    "soft_particle_ring": "soft_particle",
+    "soft_particle_compaction": "soft_particle_box",
+}
 SIDE = 1.75  # inches
 BOX = 120  # soft particles, of the 500
 #: Snapshots in a unit of the protocol, where a study says nothing.
@@ -99,6 +101,10 @@ def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
         scene = Scene(axis, snapshots, kept.strain[number : number + 1], colour, contacts)
         scene.show(0)
         style.save_as(figure, path)
+    with Image.open(path) as drawn:
+        picture = drawn.convert("RGB")
+    small = picture.quantize(palette=palette([picture]), dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB, of {kept.path}")
 
 
@@ -108,11 +114,11 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("analysis/figures"), help="of pictures")
     given = parser.parse_args()
     jobs = {}
-    for name in STUDIES:
-        study = load_study(CONFIGS / f"{name}.yaml")
+    for file, prefix in STUDIES.items():
+        study = load_study(CONFIGS / f"{file}.yaml")
         for scene in dict.fromkeys(label for p in study.points for _, label in p.labels):
             points = [p for p in study.points if scene in {label for _, label in p.labels}]
-            name = f"{points[0].point.kind}_{scene}"
+            name = f"{prefix}_{scene}"
             jobs[name] = job_of(points, LOOKS.get(name, {}).get("point", {}), study.seed)
     compile_for(list(jobs.values()), lambda: print("compiling the kernels"))
     results = Results(given.results / "gallery")

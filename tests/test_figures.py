@@ -39,7 +39,7 @@ from shear_sim.figures import (
 )
 from shear_sim.figures.lissajous import _mean_waves
 from shear_sim.figures.panels import FOOT_MARK
-from shear_sim.variation import variation
+from shear_sim.variation import by_scene, variation
 
 
 def lines(axis):
@@ -620,3 +620,14 @@ def test_panels_side_by_side_leave_room_between_the_labels_of_their_axes():
         ends.append((min(box.x0 for box in boxes), max(box.x1 for box in boxes)))
     gaps = [(right[0] - left[1]) / figure.dpi for left, right in pairwise(ends)]
     assert min(gaps) > 0.16  # inches: three digits
+
+
+def test_a_table_made_column_by_column_can_grow():
+    """pandas warns of a column beyond a hundred that is put in by itself: a user sees that."""
+    points = pd.DataFrame({"scene": ["one"]})
+    for column in range(50):
+        points[str(column)] = 1.0
+    points = pd.concat([points, points.iloc[:, 1:].add_prefix("_")], axis=1)
+    table = by_scene(points)
+    table["one more"] = 2.0
+    assert table.shape == (1, 102)

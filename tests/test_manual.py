@@ -1,4 +1,4 @@
-"""The manual is true: every command and every piece of code in README.md and in the help runs."""
+"""The manual is true: every command and piece of code in README.md, its pages and the help runs."""
 
 import gzip
 import itertools
@@ -17,6 +17,7 @@ from shear_sim.study import load_study
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+PAGES = "\n".join(path.read_text() for path in sorted((ROOT / "analysis").rglob("*.md")))
 SMALL = """
 packing: {discs: 12, packing_fraction: 1.5}
 model: {friction: 0, links: {cut: bulk}}
@@ -49,7 +50,7 @@ def in_code(text):
     return [each for each in found if "COMMAND" not in each]
 
 
-COMMANDS = sorted({*in_blocks(README), *in_code(README), *in_help()})
+COMMANDS = sorted({*in_blocks(README), *in_code(README), *in_code(PAGES), *in_help()})
 
 
 def code_blocks(language):
@@ -61,11 +62,13 @@ def sandbox(tmp_path_factory):
     """A folder with small studies of the names in the manual, the main one run, and old runs."""
     folder = tmp_path_factory.mktemp("manual")
     (folder / "configs").mkdir()
-    for name in ("main", "quick"):
+    for name in ("main", "quick", "film"):
         (folder / f"configs/{name}.yaml").write_text(SMALL)
-        study = folder / f"configs/{name}.yaml"
-        code, output = run(new_environment(), "sweep", study, "--results", folder / "results")
-        assert code == 0, output
+    study = folder / "configs/main.yaml"
+    code, output = run(new_environment(), "sweep", study, "--results", folder / "results")
+    assert code == 0, output
+    for name in ("quick", "film"):
+        shutil.copytree(folder / "results/main", folder / f"results/{name}")
     for name in ("old_runs", "OLD"):
         (folder / name).mkdir()
         with gzip.open(ROOT / "tests/data/legacy_uncrosslinked_N60.txt.gz") as old:

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from shear_sim import render
 from shear_sim.cli import app
-from shear_sim.figures.scene import (
-    Scene,
+from shear_sim.figures.geometry import (
+    between_shells,
     displacement,
     in_rectangle,
     interfaces,
@@ -19,10 +19,12 @@ from shear_sim.figures.scene import (
     particle_pressure,
     particle_tints,
 )
+from shear_sim.figures.scene import Scene, view
 from shear_sim.models.interface import CONTACT, LINK, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
+from shear_sim.snapshots import clusters
 from shear_sim.study import load_study
 
 STUDY = """
@@ -260,11 +262,18 @@ def test_a_picture_is_written(jobs, tmp_path, monkeypatch):
     assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(tmp_path):
-    (tmp_path / "study.yaml").write_text(BOX)
-    (tmp_path / "jobs").mkdir()
-    [job] = load_study(tmp_path / "study.yaml").jobs()
-    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    """A job of four soft particles under a lid, with its snapshots."""
+    folder = tmp_path_factory.mktemp("box")
+    (folder / "study.yaml").write_text(BOX)
+    (folder / "jobs").mkdir()
+    [job] = load_study(folder / "study.yaml").jobs()
+    return render.read_kept(run_job(job, folder / "jobs"))
+
+
+def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(box, tmp_path):
+    kept = box
     render.write_picture(kept, tmp_path / "box.png", -1)
     with Image.open(tmp_path / "box.png") as image:
         assert image.size[0] > 1500
@@ -272,6 +281,61 @@ def test_a_box_of_soft_particles_is_drawn_with_the_stress_on_its_lid(tmp_path):
     assert (label, against) == ("stress on the lid [Pa]", "strain")
     assert np.array_equal(stress, kept.table.columns["stress_yy"])
     assert strain.max() == pytest.approx(0.05)
+
+
+def test_forces_between_soft_particles_are_sums_over_their_vertices(box):
+    """Of all contacts of two particles as vectors, one by one; what a wall bears is unchanged."""
+    s = max(box.snapshots, key=lambda each: each.normal[each.kind != LINK].sum())
+    merged, body = between_shells(s), clusters(s)
+    assert len(merged.radius) == 4
+    assert len({*zip(merged.i.tolist(), merged.j.tolist(), strict=True)}) == len(merged.i)
+    sums = {}
+    for i, j, r, push, kind in zip(s.i, s.j, s.separation, s.normal, s.kind, strict=True):
+        if kind != LINK:
+            a, b = int(body[i]), int(body[j]) if j >= 0 else int(j)
+            sign = 1 if b < 0 or a < b else -1
+            pair = (a, b) if sign == 1 else (b, a)
+            sums[pair] = sums.get(pair, 0) + sign * push * r / math.hypot(*r)
+    found = dict(zip(zip(merged.i, merged.j, strict=True), merged.normal, strict=True))
+    assert found == {pair: pytest.approx(math.hypot(*f)) for pair, f in sums.items()}
+    walls = -1 - s.j[s.j < 0]
+    assert np.bincount(-1 - merged.j[merged.j < 0], merged.normal[merged.j < 0]) == pytest.approx(
+        np.bincount(walls, s.normal[s.j < 0])
+    )
+    for i, j, r in zip(merged.i, merged.j, merged.separation, strict=True):
+        if j < 0:  # the line of a force ends on its wall
+            x, y, place = s.walls[-1 - j]
+            assert (merged.position[i] + r) @ [x, y] == pytest.approx(place, abs=1e-9)
+
+
+def test_a_disc_in_place_of_a_shell_has_its_area_and_place(box):
+    s = box.snapshots[0]
+    discs, body = between_shells(s), clusters(s)
+    for number in range(4):
+        own = s.position[body == number]
+        turn = np.argsort(np.arctan2(*(own - own.mean(axis=0)).T[::-1]))
+        assert np.pi * discs.radius[number] ** 2 == pytest.approx(area(own[turn]))
+        assert discs.position[number] == pytest.approx(own.mean(axis=0))
+
+
+def test_a_picture_shows_what_is_between_the_walls(box):
+    """From the floor to where the lid was highest, and the side walls; of a cell also its rim."""
+    left, bottom, width, height = view(box.snapshots)
+    first = box.snapshots[0]
+    lid = max(-wall[2] for s in box.snapshots for wall in s.walls if wall[1] < 0)
+    assert (left < 0, bottom < 0) == (True, True)
+    assert lid < bottom + height < 1.1 * lid
+    assert first.width < left + width < 1.1 * first.width
+    pressed = max(box.snapshots, key=lambda s: wall_force(s))
+    assert view([pressed])[3] < height
+    cell = many(60)
+    left, bottom, width, height = view([cell])
+    assert (left, bottom) == (pytest.approx(-1.4 * 0.7), left)
+    assert width == height == pytest.approx(cell.width - 2 * left)
+
+
+def wall_force(s):
+    return s.normal[s.j < 0].sum()
 
 
 def test_a_film_has_a_frame_for_each_snapshot(jobs, tmp_path):
@@ -300,6 +364,16 @@ def test_a_frame_shows_what_a_picture_shows(jobs, tmp_path):
             image.seek(number)
             frames.append(np.asarray(image.convert("RGB"), int))
     assert (np.abs(frames[0] - frames[1]).max(axis=2) > 60).mean() < 1e-3
+
+
+def test_frequent_colours_are_exact_in_a_film():
+    """A few flat colours, beside hundreds that are near one another, as edges are."""
+    sheet = np.zeros((90, 90, 3), np.uint8)
+    sheet[:30], sheet[30:60] = (0xA9, 0xC9, 0xE2), (0xC8, 0x10, 0x2E)
+    sheet[60:] = np.arange(30 * 90)[:, None].reshape(30, 90, 1) % [251, 241, 239]
+    picture = Image.fromarray(sheet)
+    shown = picture.quantize(palette=render.palette([picture]), dither=Image.Dither.NONE)
+    assert (np.asarray(shown.convert("RGB"))[:60] == sheet[:60]).all()
 
 
 def test_the_snapshot_nearest_to_a_time(jobs):

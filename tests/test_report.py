@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.metadata import version
 
@@ -183,6 +184,13 @@ def test_it_knows_of_which_results_it_is(tmp_path, monkeypatch):
     assert results.fingerprint() not in content
     monkeypatch.undo()
     assert results.fingerprint() in write_report(results.folder).read_text("utf-8")
+
+
+def test_a_study_whose_name_is_in_another_encoding(tmp_path):
+    study, _ = plan(tmp_path)
+    odd = Results(tmp_path / "results/\udcfcber")
+    odd.prepare(replace(study, name="\udcfcber"))
+    assert "<h1>?ber</h1>" in write_report(odd.folder).read_text("utf-8")
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

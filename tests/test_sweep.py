@@ -288,6 +288,21 @@ def test_signals_stop_the_sweep_with_their_exit_code(number, code, tmp_path, env
     assert {path.suffix for path in results.jobs.iterdir()} == {".parquet"}
 
 
+def test_a_worker_that_is_asked_to_end_stops_the_sweep(tmp_path, environment):
+    """Slurm asks all processes at once. Jobs are left, and the exit code says so."""
+    study = write_study(tmp_path, seconds=4)
+    results = Results(tmp_path / "results/study")
+    process = start(environment, "sweep", study, "--results", tmp_path / "results", "--jobs", 1)
+    wait_until(results.finished, 100)
+    time.sleep(1)  # the worker is in the middle of its next job
+    os.kill(processes(environment)[-1], signal.SIGTERM)
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 75, output
+    assert "stopped by SIGTERM" in output
+    assert "1 job(s) will go on from checkpoints" in output
+    assert len(list(results.checkpoints.iterdir())) == 1
+
+
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGINT])
 def test_a_stopped_job_goes_on_from_its_checkpoint(number, undisturbed, tmp_path, environment):
     """Two jobs of 4 s do not end before the signal."""

@@ -539,6 +539,9 @@ def schema(
     With its default, unit, limits and source. The reference is itself a study file, one job with
     all defaults, to be copied from.
 
+    Editors that know JSON Schema complete and check a study file whose first line is
+    `# yaml-language-server: $schema=study.schema.json`.
+
     Examples: shear-sim schema hard_disc; shear-sim schema --json > study.schema.json
     """
     from shear_sim import models, reference

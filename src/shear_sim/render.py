@@ -134,13 +134,14 @@ def write_film(
                 artist.axes.draw_artist(artist)
             drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
             frames.append(Image.fromarray(drawn[..., :3].copy()))
-    palette = _palette(frames[:: max(1, len(frames) // 4)])
-    first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
+    # From a few of them: what changes from frame to frame are particles only.
+    colours = palette(frames[:: max(1, len(frames) // 4)])
+    first, *rest = (f.quantize(palette=colours, dither=Image.Dither.NONE) for f in frames)
     first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
 
 
-def _palette(frames: "Sequence[Picture]") -> "Picture":
-    """Return the colours of a film, from a few of its frames: what moves are particles only.
+def palette(frames: "Sequence[Picture]") -> "Picture":
+    """Return one set of colours for pictures (RGB), such as a few frames of a film.
 
     Areas and lines have exactly their colours, which are few; what is between them is near enough.
     """

@@ -73,7 +73,8 @@ def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
     tables = aggregate(results.folder, tensor=tensor)
     path = results.report_file
     try:
-        write_whole(path, f"{page(results, tables)}<!-- {known} -->\n".encode())
+        text = f"{page(results, tables)}<!-- {known} -->\n"
+        write_whole(path, text.encode(errors="replace"))  # a file's name may be in any encoding
     except OSError as error:
         msg = f"{path}: the report cannot be written ({error})"
         raise ResultsError(msg) from error

@@ -123,12 +123,13 @@ class _Sweep:
         self.ready = self.started = False
         self.next_look = 0.0
         self.restarts = 0
+        self.received: list[int] = []
         self.signal: int | None = None
         self.storage_full: str | None = None
 
     def run(self, received: list[int], log: IO[bytes]) -> None:
         """Keep the workers busy until nothing is left or somebody says stop."""
-        self.log = log
+        self.received, self.log = received, log
         self.workers = self._new_workers()
         give_up = float("inf")
         try:
@@ -208,6 +209,9 @@ class _Sweep:
             self.storage_full = outcome.ending.storage_full
             self.todo.clear()
         elif outcome.ending.stopped:
+            if not self.received:  # somebody has stopped a worker, and means the sweep
+                self.received.append(signal.SIGTERM)
+            self.todo.clear()
             self.stopped += 1
             # On another type of processor each time, a job would begin anew for ever.
             self.advanced += not outcome.ending.anew

@@ -28,7 +28,7 @@ class Variation:
 
 def by_scene(points: "pd.DataFrame") -> "pd.DataFrame":
     """Return ``points`` without attrs, a row for each scene: a point may belong to several."""
-    points = points.copy(deep=False)
+    points = points.copy()  # deep: tables made column by column are slow, and pandas says so
     points.attrs = {}  # pandas copies them whole at every later step: half of what a figure costs
     if not points["scene"].str.contains("; ").any():
         return points.assign(scene=points["scene"].astype("str")).reset_index(drop=True)

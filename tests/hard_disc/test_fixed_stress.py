@@ -5,6 +5,9 @@ import pytest
 from hard_discs import finished, flow, point
 
 from shear_sim.models.hard_disc.stress import duration, slowness
+from shear_sim.results import read_job
+from shear_sim.runner import run_job
+from shear_sim.study import Job
 
 
 def test_a_pair_parts_when_its_clock_says():
@@ -46,3 +49,15 @@ def test_the_stress_is_fixed_and_the_path_is_that_of_a_fixed_rate():
     assert protocol["strain_rate"] == pytest.approx(
         3.0 / columns["scaled_shear_stress"][200:].mean(), rel=0.5
     )
+
+
+def test_a_run_that_jams_before_its_first_record_is_kept(tmp_path):
+    """Its rate is that of what stands still, not 0/0, and no viscosity is made of its start."""
+    shear = {"kind": "steady", "strain": 1.0, "shear_stress": 3.0}
+    packing = {"packing_fraction": 0.845, "attempts": 200}
+    given = point(packing=packing, shear=shear, record={"rows": 20})
+    result = read_job(run_job(Job.create(given, seed=0, replicate=0), tmp_path))
+    assert result.summary["status"] == "jammed"
+    assert len(result.columns["time"]) == 1
+    assert result.summary["steady"] is None
+    assert "strain_rate = 0" in result.summary["flags"]["no_steady"]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hard_discs import overlap, packed_flow
+from hard_discs import flow, overlap, packed_flow
 
 from shear_sim.models.hard_disc.factor import Factor, back_substitute, factorise, triangularise
 from shear_sim.models.hard_disc.flow import contacts_at
@@ -50,6 +50,19 @@ def test_every_step_is_free_of_overlap_and_balances_power(pressure):
     assert f.counts.rebuilds > 2
 
 
+@pytest.mark.parametrize("pressure", [0.0, 30.0])
+def test_a_step_closes_the_gaps_of_contacts(pressure):
+    """All discs put off by 1e-11: their contacts are closed again after one step (eq. 28)."""
+    f = packed_flow(shear=1, compression=10.0 if pressure else 0.0, pressure=pressure)
+    f.advance(0.4)
+    f.x += 1e-11 * np.random.default_rng(0).normal(size=32)
+    f.separate()
+    assert np.abs(f.gap[f.set.pairs]).max() > 1e-12
+    f.step(5.0)
+    assert len(f.set.pairs) > 20
+    assert np.abs(f.gap[f.set.pairs]).max() < 1e-13
+
+
 @pytest.mark.parametrize("pressure", [0.0, 10.0])
 def test_positions_do_not_depend_on_the_step(pressure):
     """The step bound cut by 5 and by 125 moves no disc by more than 1e-10 in 0.1 strain."""
@@ -76,9 +89,29 @@ def test_the_integration_error_is_far_below_a_millionth():
         for one in (f, again):
             one.advance(0.2)
         worst.append(distance(f, again))
-        assert f.counts.error < 1e-9
+        assert 0.0 < f.counts.error < 1e-9
     assert np.median(worst) < 1e-10
     assert max(worst) < 1e-8
+
+
+@pytest.mark.parametrize("accuracy", [1e-5, 1e-7, 1e-9])
+def test_the_reported_error_bounds_that_of_a_pair_in_shear(accuracy):
+    """cot θ = cot θ₀ + γ, followed loosely: the sum of last terms is above the error, not far."""
+    start = 3.0
+    f = flow([(10, 10), (10 + np.cos(start), 10 + np.sin(start))], 0.5, shear=1)
+    f.accuracy, f.longest_step = accuracy, 1.0
+    f.advance(4.0)
+    error = abs(np.arctan2(f.ry[0], f.rx[0]) - np.arctan2(1.0, 1 / np.tan(start) + f.path))
+    assert error < f.counts.error < 1000 * error
+
+
+def test_an_overlap_is_counted():
+    """Two discs put 1e-8 into each other by hand; nothing drives them."""
+    f = flow([(5, 5), (6.05, 5)], 0.5)
+    f.x[1] = 6 - 1e-8
+    f.separate()
+    f.advance(0.1)
+    assert f.counts.largest_overlap == pytest.approx(1e-8, rel=1e-6)
 
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)

@@ -5,7 +5,7 @@ import pytest
 from hard_discs import drive, flow, packed_flow, packing
 
 from shear_sim.models import hard_disc
-from shear_sim.models.hard_disc.active_set import Jammed
+from shear_sim.models.hard_disc.active_set import Arrested, Jammed
 from shear_sim.models.hard_disc.certificate import certify, constrained, is_proof
 from shear_sim.models.hard_disc.parameters import HardDiscPoint
 from shear_sim.streams import Streams
@@ -86,6 +86,17 @@ def test_a_square_of_four_jams_where_geometry_says():
     assert found["unbalanced_force"] < 1e-12
 
 
+def test_a_disc_never_passes_its_own_image():
+    """Two discs, one small enough to lie between the other's images: no pair of discs stops them.
+
+    Without a word they went on to φ = 1.1.
+    """
+    f = flow([(2, 2), (4.5, 4.5)], [1.0, 0.2], side=5, compression=1)
+    with pytest.raises(Arrested, match=r"of diameter 2, could touch its own image"):
+        f.advance(2.0)
+    assert 2.0 < f.width < 2.5
+
+
 def test_a_cage_of_immobile_discs_jams_the_one_inside():
     """Three that go with the flow close on one: jammed at distance 1, N_c = 2 N̄ + 1 = 3."""
     angles = np.array([0.3, 2.1, 4.4])
@@ -96,6 +107,18 @@ def test_a_cage_of_immobile_discs_jams_the_one_inside():
     assert found["isostatic"]
     assert (found["contacts"], found["discs"], found["rattlers"]) == (3, 1, [])
     assert f.path == pytest.approx(np.log(1.3), rel=1e-12)
+
+
+@pytest.mark.parametrize(("seed", "bears"), [(0, True), (7, False)])
+def test_an_immobile_disc_pins_a_packing_only_where_it_bears(seed, bears):
+    """N_c = 2 N̄ + 1 with it among those that bear force, 2 N̄ − 1 where it is a rattler."""
+    position, radius, side = packing(32, 0.75, seed)
+    mobility = np.ones(32)
+    mobility[20] = 0.0
+    found = jam(flow(position, radius, side, mobility=mobility, compression=1))
+    assert is_proof(found)
+    assert found["isostatic"]
+    assert found["contacts"] == 2 * found["discs"] + (1 if bears else -1)
 
 
 def test_a_disc_on_two_contacts_is_a_rattler():
@@ -146,6 +169,8 @@ def test_a_jammed_run_says_so_and_keeps_its_records():
     assert columns["compression"] == pytest.approx(columns["time"], abs=1e-12)
     assert (columns["packing_fraction"] <= summary["measured"]["final_packing_fraction"]).all()
     assert columns["scaled_pressure"][-1] > 10
+    rattlers = 32 - summary["certificate"]["discs"]
+    assert summary["measured"]["rattler_fraction"] == pytest.approx(rattlers / 32)
 
 
 @pytest.mark.parametrize(

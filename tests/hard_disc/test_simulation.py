@@ -5,6 +5,7 @@ import pytest
 from hard_discs import finished, point
 
 from shear_sim.models import hard_disc
+from shear_sim.models.hard_disc.flow import contacts_at
 from shear_sim.models.interface import SimulationError
 from shear_sim.results import read_job
 from shear_sim.rheology import summarise
@@ -35,9 +36,11 @@ def test_records_and_blocks_never_change_the_motion():
         assert np.array_equal(values, many[name][::20]), name
 
 
-def test_checks_of_a_run():
+@pytest.mark.parametrize("exponent", [0.0, 1.0])
+def test_checks_of_a_run(exponent):
     for pressure in (None, 30.0):
-        run = finished(point(shear=STEADY | {"scaled_pressure": pressure}))
+        shear = STEADY | {"scaled_pressure": pressure}
+        run = finished(point(shear=shear, model={"mobility_exponent": exponent}))
         summary, columns = run.summary(), run.columns()
         checks = summary["checks"]
         assert checks["largest_overlap"] < 1e-12
@@ -51,6 +54,39 @@ def test_checks_of_a_run():
             assert pressed == pytest.approx(30.0, rel=1e-10)
             change = np.log(columns["packing_fraction"] / columns["packing_fraction"][0]) / 2
             assert columns["compression"] == pytest.approx(change, abs=1e-8)
+
+
+def test_the_checks_of_a_run_find_faults(monkeypatch):
+    """A force that pulls, contacts that are open, a cell that is too large: each is reported."""
+
+    def faulty(motion, t):
+        now = contacts_at(motion, t)
+        phi = now.phi.copy()
+        phi[:1] = -0.1 * np.abs(phi[1:]).mean() if len(phi) > 1 else phi
+        return now._replace(phi=phi, gap=now.gap + 1e-6)
+
+    monkeypatch.setattr("shear_sim.models.hard_disc.simulation.contacts_at", faulty)
+    run = finished(point(shear=STEADY))
+    run.start_fraction *= np.exp(-2e-6)
+    checks = run.summary()["checks"]
+    assert checks["power_residual"] > 1e-3
+    assert -0.2 < checks["least_force"] < -0.05
+    assert checks["largest_gap_in_records"] == pytest.approx(1e-6 / run.flow.unit, rel=1e-6)
+    assert checks["area_residual"] == pytest.approx(1e-6, rel=1e-6)
+
+
+def test_velocities_of_snapshots_at_fixed_pressure_keep_contacts_closed():
+    """r·(v_j − v_i) = 0, where the images move with the cell: γ̇ upwards, −κ along the lattice."""
+    run = finished(point(shear=STEADY | {"scaled_pressure": 30.0}, record={"snapshots": 20}))
+    kappa, compared = run.columns()["compression_ratio"], 0
+    for s in run.snapshots[1:]:
+        lattice = s.separation - s.position[s.j] + s.position[s.i]
+        relative = s.velocity[s.j] - s.velocity[s.i] - kappa[s.row] * lattice
+        relative[:, 0] += lattice[:, 1]
+        assert np.abs((relative * s.separation).sum(axis=1)).max() < 1e-9
+        compared += len(lattice)
+    assert compared > 200
+    assert np.abs(kappa).max() > 0.1
 
 
 def test_oscillation_turns_at_its_amplitude():
@@ -107,6 +143,21 @@ def test_a_job_through_the_runner(tmp_path):
         measured["scaled_shear_stress"] / measured["scaled_pressure"]
     )
     assert measured["viscous_number"] * measured["scaled_pressure"] == pytest.approx(1)
+    events = result.columns["events"]
+    per_disc = (events[-1] - events[120]) / (32 * 0.28)
+    assert measured["events_per_disc_path"] == pytest.approx(per_disc)
+
+
+@pytest.mark.parametrize(
+    "shear", [{"kind": "steady", "strain": 0.05}, {"kind": "body_force", "duration": 2.0}]
+)
+def test_discs_that_never_meet_are_a_result_too(shear, tmp_path):
+    """No pressure to divide by: the ratios are absent, and the run is kept."""
+    given = point(packing={"discs": 4, "packing_fraction": 0.02}, shear=shear)
+    measured = read_job(run_job(Job.create(given, 1, 0), tmp_path)).summary["measured"]
+    assert measured["scaled_pressure"] == 0
+    assert measured["friction_coefficient"] is measured["viscous_number"] is None
+    assert measured["mean_packing_fraction"] == pytest.approx(0.02)
 
 
 def test_arrest_says_where_and_why_and_keeps_its_records(monkeypatch):

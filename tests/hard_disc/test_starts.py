@@ -80,6 +80,7 @@ def test_a_floor_bears_the_weight_of_what_lies_on_it():
     up -= np.where(f.mobility[c.j] == 0, c.phi * c.ry, 0.0)
     assert up.sum() == pytest.approx(((2 * f.radius[f.mobility > 0]) ** 2).sum(), rel=1e-9)
     assert run.summary()["checks"]["largest_overlap"] < 1e-12
+    assert run.summary()["checks"]["power_residual"] < 1e-10  # although nothing moves any more
 
 
 def test_down_a_plane_and_through_a_hopper():
@@ -151,6 +152,22 @@ def test_stages_stop_restart_and_reverse():
     assert run.summary()["checks"]["power_residual"] < 1e-10
 
 
+def test_bodies_stop_and_go_on():
+    """The bonds of resting bodies are contacts without force, and no power is put in."""
+    stages = [{"shear": 1, "length": 0.05}, {"length": 0.05}, {"shear": -1, "length": 0.05}]
+    run = finished(
+        point(
+            packing={"discs": 24, "packing_fraction": 0.55, "body": "triangle"},
+            shear={"kind": "stages", "stages": stages},
+        )
+    )
+    columns, checks = run.columns(), run.summary()["checks"]
+    assert (columns["scaled_pressure"][51:101] == 0).all()
+    assert (columns["contact_number"][51:101] == 2.0).all()
+    assert columns["nonaffine_speed"][120] > 0
+    assert checks["power_residual"] < 1e-10
+
+
 def test_compression_and_then_shear():
     stages = [
         {"compression": 1.0, "length": 0.01},
@@ -162,11 +179,12 @@ def test_compression_and_then_shear():
     assert columns["packing_fraction"][-1] == pytest.approx(0.8 * np.exp(0.02 - 0.04), rel=1e-12)
 
 
-def study(tmp_path, state, shear=None):
+def study(tmp_path, state, shear=None, more=""):
     (tmp_path / "state.json").write_text(json.dumps(state))
     text = (
         "model: {kind: hard_disc}\npacking: {start: file, file: state.json}\n"
         f"shear: {json.dumps(shear or {'kind': 'steady', 'strain': 0.1})}\nrecord: {{rows: 100}}\n"
+        f"{more}"
     )
     return read_study(text.encode(), tmp_path / "study.yaml").jobs()[0]
 
@@ -192,6 +210,11 @@ def test_a_run_goes_on_from_the_state_that_another_kept(tmp_path):
         ({"mobility": [0.0] * 32}, "mobility is zero everywhere"),
         ({"radius": "big"}, "is no state of hard discs"),
         ({"bonds": [[0, 99]]}, "bonds name discs beyond the 32"),
+        ({"bonds": [[0, 1], [1, 0]]}, "bonds name a pair of discs twice"),
+        ({"bonds": [[3, 3]]}, "a bond joins a disc with itself"),
+        ({"width": math.nan}, "all numbers must be finite"),
+        ({"offset": math.inf}, "all numbers must be finite"),
+        ({"mobility": [math.inf] * 32}, "all numbers must be finite"),
     ],
 )
 def test_bad_start_files_say_what_is_wrong(change, message, tmp_path):
@@ -200,6 +223,23 @@ def test_bad_start_files_say_what_is_wrong(change, message, tmp_path):
     ).summary()["state"]
     with pytest.raises(StudyError, match=message):
         study(tmp_path, state | change)
+
+
+def test_a_start_file_in_metres_is_refused(tmp_path):
+    """Tolerances are those of lengths near 1: a state in micrometres was followed for ever."""
+    state = {"width": 8e-6, "height": 8e-6, "x": [1e-6, 4e-6], "y": [1e-6, 4e-6]}
+    with pytest.raises(StudyError, match="mean diameter is 1e-06, but lengths are in mean"):
+        study(tmp_path, state | {"radius": [5e-7] * 2})
+
+
+def test_bonds_of_a_start_file_need_events(tmp_path):
+    """Time steps only push: triangles came apart by 0.4 diameters in a strain of 0.3."""
+    state = {"width": 8, "height": 8, "x": [1, 2, 5], "y": [1, 1, 5], "radius": [0.5] * 3}
+    steps = "integrator: {scheme: time_steps, strain_step: 0.001}\n"
+    study(tmp_path, state, more=steps)
+    study(tmp_path, state | {"bonds": [[0, 1]]})
+    with pytest.raises(StudyError, match="it has 1 bonds, which time_steps would open"):
+        study(tmp_path, state | {"bonds": [[0, 1]]}, more=steps)
 
 
 @pytest.mark.parametrize("upward", [0.0, 1.0, -7.3])
@@ -224,6 +264,13 @@ def test_an_overlapping_start_file_is_refused(tmp_path, upward):
         ("packing: {walls: {kind: floor}}", "walls stand still"),
         ("packing: {walls: {kind: floor, orifice: 3}}", "only a hopper has one"),
         ("packing: {start: file}", "start: file needs the name of a file"),
+        (
+            (
+                "packing: {discs: 24, packing_fraction: 0.5, body: triangle}\n"
+                "integrator: {scheme: time_steps, strain_step: 0.001}"
+            ),
+            "time_steps are for single discs",
+        ),
         ("shear: {kind: stages, stages: [{shear: 2, length: 1}]}", "must be at most 1"),
     ],
 )

@@ -11,9 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.figures.geometry import (
+    between_shells,
+    displacement,
+    in_rectangle,
+    interfaces,
+    is_shell,
+    outlines,
+    particle_pressure,
+    particle_tints,
+    round_trips,
+)
 from shear_sim.looks import Colour, Contacts
 from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
-from shear_sim.snapshots import clusters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,9 +33,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# Tints that letters and lines are seen on; neighbours get different ones.
-_TINTS = ("#a6cee3", "#fdd7a5", "#b8dfb1", "#d9c3e4", "#f6bcbc", "#e9e29c", "#b5ddd8", "#dcc4ad")
-_LARGE, _SMALL, _FIXED, _EDGE = "#a9c9e2", "#f6d3a8", "#9a9a9a", "#5a6470"
+_FIXED, _EDGE = "#9a9a9a", "#5a6470"
 _LINK, _INTERFACE, _HOLDS, _SLIDES = "#0a5fa8", "#f08c00", "#c8102e", "#00a35c"
 _PUSH, _PUSH_ON_SCALE, _PULL = "#8c1016", "#20242a", "#0a5fa8"
 _DIMMED = 0.62  # of white in what lies outside of the cell
@@ -34,7 +42,6 @@ _SMALL_DISC = 7.0  # points: smaller ones have no edges, and contacts are drawn 
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a shell
 _ON_SHELL = 0.9  # points: its width
 _MARGIN = 0.7  # around the cell, in largest diameters
-_ALIKE = 1.2  # ratio of radii under which discs count as equal
 _FULL = 98.0  # percentile that takes the end of a colour scale
 _TITLES = {
     "pressure": "pressure of a particle",
@@ -80,7 +87,8 @@ class Scene:
 
         self.axis, self.snapshots, self.colour = axis, snapshots, Colour(colour)
         first = snapshots[0]
-        self._shell = _is_shell(first)
+        self._shell = is_shell(first)
+        self._many = self._shell and len(round_trips(first)) > 1
         self._left, self._bottom, self.width, self.height = view(snapshots)
         axis.set(xlim=(self._left, self._left + self.width))
         axis.set(ylim=(self._bottom, self._bottom + self.height))
@@ -207,7 +215,8 @@ class Scene:
             shown += [line(_SLIDES, "contact that slides")] * slides
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self._values else _PUSH
-            way = "length: force / largest" if self._shell else "width: force / mean"
+            one = self._shell and not self._many
+            way = "length: force / largest" if one else "width: force / mean"
             shown += [line(push, f"push; {way}")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
         if not shown:
@@ -236,7 +245,7 @@ class Scene:
         self._discs.set_facecolor(dimmed(faces[who], ~own)[order])  # type: ignore[arg-type]
         self._lines(s, place, moves)
         if self._shell:
-            trips = _round_trips(s)
+            trips = round_trips(s)
             self._discs.set_verts([place[trip] for trip in trips])
             tints = faces if self._values else to_rgba_array(self._tints)
             self._discs.set_facecolor(tints[[t[0] for t in trips]])  # type: ignore[arg-type]
@@ -283,16 +292,20 @@ class Scene:
             segments = place[s.i[there], None] + faces[there]
             self._put(self._interfaces, s, segments, colours[s.kind[there]], moves)
             return
+        if self._shell and self._many:
+            s = between_shells(s)
+            place = s.position
         strong = np.abs(s.normal)
         if self._shell:
             strong = np.where(s.kind == LINK, 0.0, strong)
         mean = float(strong[strong > 0].mean()) if (strong > 0).any() else 1.0
-        thick = np.minimum(0.1 * strong / mean, 0.4) * max(self.diameter, 3.0)
+        size = 2 * self.point * float(s.radius.mean()) if self._many else self.diameter
+        thick = np.minimum(0.1 * strong / mean, 0.4) * max(size, 3.0)
         push = _PUSH_ON_SCALE if self._values else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
         to_j = from_i + s.separation
-        if self._shell:  # thin: what presses on it reaches into it
+        if self._shell and not self._many:  # thin: what presses on it reaches into it
             away = s.separation / np.hypot(*s.separation.T)[:, None]
             from_i = (
                 to_j - away * (_INTO_SHELL * s.width * strong / strong.max(initial=1e-300))[:, None]
@@ -352,7 +365,8 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    return 0.0, bottom, wide, top - bottom
+    aside = rim if any(abs(wall[0]) > 0.5 for wall in first.walls) else 0.0
+    return -aside, bottom, wide + 2 * aside, top - bottom
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
@@ -360,110 +374,6 @@ def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
     made = colours.copy()
     made[which, :3] = 1 - (1 - _DIMMED) * (1 - made[which, :3])
     return made
-
-
-def in_rectangle(s: Snapshot) -> FloatArray:
-    """Return the positions (N, 2) within the rectangle, whose upper images are displaced."""
-    if not s.periodic:
-        return s.position
-    x, y = s.position.T
-    up = np.floor(y / s.height)
-    x, y = x - up * s.offset, y - up * s.height
-    return np.column_stack([x - np.floor(x / s.width) * s.width, y])
-
-
-def interfaces(s: Snapshot) -> FloatArray:
-    """Return the ends (C, 2, 2) of all interfaces, from particle i.
-
-    An interface is the chord that two circles share, as far as no third disc has a part in it (a
-    face of the power diagram); discs that only touch have a short one, to be seen. Where there is
-    none both ends are the same.
-    """
-    distance = np.hypot(*s.separation.T)
-    normal = s.separation / distance[:, None]
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    both = s.j >= 0
-    ri = s.radius[s.i]
-    rj = np.where(both, s.radius[s.j], 0.0)
-    along = np.where(both, (distance**2 + ri**2 - rj**2) / (2 * distance), distance)
-    least = 0.2 * np.minimum(ri, np.where(both, rj, ri))
-    half = np.maximum(np.sqrt(np.maximum(ri**2 - along**2, 0.0)), least)
-    half[both & (distance > (ri + rj) * (1 + 1e-9))] = 0.0
-    low, high = -half, half.copy()
-    # Both discs of a contact see their other contacts as half-planes that cut the chord.
-    ends = np.concatenate([s.i, s.j])
-    contact = np.tile(np.arange(len(s.i)), 2)
-    face = np.concatenate([normal, -normal])
-    reach = np.concatenate([along, distance - along])
-    order = np.argsort(ends, kind="stable")
-    first = np.searchsorted(ends[order], ends)
-    count = np.searchsorted(ends[order], ends, side="right") - first
-    one = np.repeat(np.arange(len(ends)), count)
-    other = order[
-        np.repeat(first, count) + np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
-    ]
-    use = (contact[one] != contact[other]) & (ends[one] >= 0)
-    one, other = one[use], other[use]
-    slope = (tangent[contact[one]] * face[other]).sum(axis=1)
-    room = reach[other] - reach[one] * (face[one] * face[other]).sum(axis=1)
-    limit = room / np.where(np.abs(slope) > 1e-12, slope, 1e-12)
-    up = slope > 0
-    np.minimum.at(high, contact[one[up]], limit[up])
-    np.maximum.at(low, contact[one[~up]], limit[~up])
-    low, high = np.minimum(low, high), np.where(low < high, high, np.minimum(low, high))
-    middle = normal * along[:, None]
-    return np.stack([middle + low[:, None] * tangent, middle + high[:, None] * tangent], axis=1)
-
-
-def outlines(s: Snapshot, corners: int) -> FloatArray:
-    """Return the outlines (N, corners, 2) of discs around their centres, flat at interfaces.
-
-    Two discs that overlap share the chord of their circles.
-    """
-    angle = 2 * np.pi * np.arange(corners) / corners
-    ray = np.column_stack([np.cos(angle), np.sin(angle)])
-    reach = np.repeat(s.radius[:, None], corners, axis=1)
-    distance = np.hypot(*s.separation.T)
-    both = s.j >= 0
-    deep = both & (distance < 0.9999 * (s.radius[s.i] + np.where(both, s.radius[s.j], 0)))
-    i, j, r, d = s.i[deep], s.j[deep], s.separation[deep], distance[deep]
-    for one, other, sign in ((i, j, 1.0), (j, i, -1.0)):
-        chord = (d**2 + s.radius[one] ** 2 - s.radius[other] ** 2) / (2 * d)
-        toward = sign * (r / d[:, None]) @ ray.T
-        limit = np.where(toward > 1e-9, chord[:, None] / np.maximum(toward, 1e-9), np.inf)
-        np.minimum.at(reach, one, np.maximum(limit, 0.0))
-    shaped: FloatArray = reach[:, :, None] * ray
-    return shaped
-
-
-def particle_pressure(s: Snapshot) -> FloatArray:
-    """Return the pressure (N,) of each particle: half the trace of its own virial over its area.
-
-    The virial of a contact is shared as its length is, in parts r_i and r_j, so that the areas
-    times the pressures sum to the pressure of all contacts times the area of the cell.
-    """
-    both = s.j >= 0
-    ri, rj = s.radius[s.i], np.where(both, s.radius[s.j], 0.0)
-    virial = 0.5 * s.normal * np.hypot(*s.separation.T)
-    total = np.bincount(s.i, virial * ri / (ri + rj), len(s.radius))
-    total += np.bincount(s.j[both], (virial * rj / (ri + rj))[both], len(s.radius))
-    pressure: FloatArray = total / (np.pi * s.radius**2)
-    return pressure
-
-
-def displacement(now: Snapshot, first: Snapshot, strain: float) -> FloatArray:
-    """Return how far each particle (N, 2) is from the affine image of its place in ``first``.
-
-    To the nearest image; ``strain`` is what was imposed in between.
-    """
-    scale = now.height / first.height
-    x, y = (first.position * scale).T
-    away: FloatArray = now.position - np.column_stack([x + strain * y, y])
-    if now.periodic:
-        up = np.rint(away[:, 1] / now.height)
-        away -= np.column_stack([up * now.offset, up * now.height])
-        away[:, 0] -= np.rint(away[:, 0] / now.width) * now.width
-    return away
 
 
 def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
@@ -477,50 +387,6 @@ def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
     elif colour in {"speed", "displacement"}:
         low = 0.0
     return (low, high) if low < high else (low, low + 1.0)
-
-
-def particle_tints(s: Snapshot) -> NDArray[np.str_]:
-    """Return tints (N,) of particles: no two clusters that touch have the same, where possible."""
-    body = clusters(s)
-    alone = body < 0
-    middle = 0.5 * float(s.radius.min() + s.radius.max())
-    large = (s.radius > middle) | (s.radius.max() < _ALIKE * s.radius.min())
-    tints = np.where(large, _LARGE, _SMALL)
-    numbers, body = np.unique(body, return_inverse=True)
-    touching: list[set[int]] = [set() for _ in numbers]
-    both = s.j >= 0
-    for a, b in zip(body[s.i[both]].tolist(), body[s.j[both]].tolist(), strict=True):
-        if a != b:
-            touching[a].add(b)
-            touching[b].add(a)
-    chosen = [-1] * len(numbers)
-    used = dict.fromkeys(range(len(_TINTS)), 0)  # how often
-    for number in range(len(numbers)):
-        taken = {chosen[other] for other in touching[number]}
-        free = [k for k in used if k not in taken] or list(used)
-        chosen[number] = min(free, key=used.__getitem__)
-        used[chosen[number]] += 1
-    return np.where(alone, tints, np.array(_TINTS)[chosen][body])
-
-
-def _is_shell(s: Snapshot) -> bool:
-    """Whether particles are the vertices of closed shells."""
-    links = s.kind == LINK
-    degree = np.bincount(np.concatenate([s.i[links], s.j[links]]), minlength=len(s.radius))
-    return not s.periodic and bool((degree == 2).all())
-
-
-def _round_trips(s: Snapshot) -> list[list[int]]:
-    """Return the vertices of each shell in order."""
-    links = s.kind == LINK
-    after = dict(zip(s.i[links].tolist(), s.j[links].tolist(), strict=True))
-    trips = []
-    while after:
-        trip = [next(iter(after))]
-        while (vertex := after.pop(trip[-1])) != trip[0]:
-            trip.append(vertex)
-        trips.append(trip)
-    return trips
 
 
 def _wall(wall: FloatArray, s: Snapshot) -> Any:

@@ -87,11 +87,12 @@ def certify(now: Instant, jam: Jammed, path: float) -> dict[str, Any]:
     singular = np.linalg.svd(matrix, compute_uv=False)
     q = approach(i, j, rx, ry, now.drive.drift, now.drive.shear, now.drive.compression)
     contacts, bearing = len(i), int(held.sum())
+    pinned = not (mobile[i] & mobile[j]).all()  # by immobile discs that bear force
     return {
         "path": path,
         "contacts": contacts,
         "discs": bearing,
-        "isostatic": whole and contacts == 2 * bearing + (-1 if mobile.all() else 1),
+        "isostatic": whole and contacts == 2 * bearing + (1 if pinned else -1),
         "least_force": float(force[pushing].min()),
         "unbalanced_force": float(np.abs(matrix.T @ force).max()),
         "smallest_singular_value": float(singular[-1]),

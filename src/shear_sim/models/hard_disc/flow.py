@@ -369,6 +369,13 @@ class Flow:
 
     def _find_candidates(self, *, settle: bool = True) -> None:
         """Bring discs back into the cell, and find who is near whom; make forces anew."""
+        largest = 2.0 * float(self.radius[self.mobility > 0].max())
+        if min(self.width, self.height) < largest + self.skin:
+            msg = (
+                f"the cell has come to {self.width:.3g} × {self.height:.3g}: its largest disc, of "
+                f"diameter {largest:.3g}, could touch its own image"
+            )
+            raise Arrested(msg)
         turns = round(self.offset / self.width)
         self.offset -= turns * self.width
         wx, wy = np.zeros((2, len(self.x)), np.int32)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.hard_disc.active_set import Drive, Jammed
+from shear_sim.models.hard_disc.active_set import Arrested, Drive, Jammed
 from shear_sim.models.hard_disc.flow import Flow
 from shear_sim.models.hard_disc.overlap_free import INFLATION, push_apart
 from shear_sim.models.hard_disc.parameters import HardDisc, HardDiscPacking, HardDiscWalls
@@ -185,7 +185,7 @@ def _bodies(
     )
     try:
         flow.advance(math.log(larger))
-    except Jammed:
+    except (Jammed, Arrested):
         return None
     return Start(
         flow.x, flow.y, radius, mobility, flow.width, flow.height, flow.offset, flow.bonds,
@@ -198,7 +198,8 @@ def read_start(packing: HardDiscPacking) -> Start:
 
     JSON with numbers ``width``, ``height`` and, if wanted, ``offset`` (of the upper image), and
     lists ``x``, ``y``, ``radius`` and, if wanted, ``mobility`` (relative to ξ₀; 0: immobile) and
-    ``bonds`` (pairs of touching discs, counted from 0). Other keys are not looked at.
+    ``bonds`` (pairs of touching discs, counted from 0). Lengths are in mean diameters of the small
+    discs. Other keys are not looked at.
 
     Raises
     ------
@@ -229,8 +230,16 @@ def read_start(packing: HardDiscPacking) -> Start:
     if not len(x) == len(y) == len(radius) == len(mobility) >= 2:
         msg = "x, y, radius and mobility must be lists of one length, of two discs or more"
         raise ValueError(msg)
-    if not (np.isfinite([*x, *y]).all() and (radius > 0).all() and (mobility >= 0).all()):
-        msg = "positions must be finite, radii positive and mobilities not negative"
+    numbers = np.concatenate([x, y, radius, mobility, [width, height, offset]])
+    if not (np.isfinite(numbers).all() and (radius > 0).all() and (mobility >= 0).all()):
+        msg = "all numbers must be finite, radii positive and mobilities not negative"
+        raise ValueError(msg)
+    diameter = 2.0 * float(radius.mean())
+    if not 0.1 < diameter < 10.0:  # tolerances are those of lengths near 1
+        msg = (
+            f"its mean diameter is {diameter:.3g}, but lengths are in mean diameters of the small "
+            "discs: divide them all by it"
+        )
         raise ValueError(msg)
     if not (mobility > 0).any():
         msg = "mobility is zero everywhere: nothing could move"
@@ -240,6 +249,12 @@ def read_start(packing: HardDiscPacking) -> Start:
         raise ValueError(msg)
     if len(bonds) and not 0 <= bonds.min() <= bonds.max() < len(x):
         msg = f"bonds name discs beyond the {len(x)} that there are"
+        raise ValueError(msg)
+    if len({frozenset(bond) for bond in bonds.tolist()}) < len(bonds):
+        msg = "bonds name a pair of discs twice"
+        raise ValueError(msg)
+    if (bonds[:, 0] == bonds[:, 1]).any():
+        msg = "a bond joins a disc with itself"
         raise ValueError(msg)
     start = Start(x, y, radius, mobility, width, height, offset, bonds)
     overlap, i, j = largest_overlap(start)

@@ -426,9 +426,12 @@ class HardDiscPoint(Point):
             from shear_sim.models.hard_disc.packing import read_start
 
             try:
-                read_start(self.packing)
+                start = read_start(self.packing)
             except ValueError as error:
                 raise Impossible([(("packing.file",), str(error))]) from None
+            if len(start.bonds) and self.integrator.scheme == "time_steps":
+                message = f"it has {len(start.bonds)} bonds, which time_steps would open"
+                raise Impossible([(("packing.file", "integrator.scheme"), message)])
 
     @model_validator(mode="after")
     def _walls_stand(self) -> Self:
@@ -452,6 +455,9 @@ class HardDiscPoint(Point):
             message = "time_steps are for steady shear at fixed area and rate"
             keys = ("shear.kind", "shear.scaled_pressure", "shear.shear_stress")
             raise Impossible([(("integrator.scheme", *keys), message)])
+        if self.integrator.scheme == "time_steps" and self.packing.body != "disc":
+            message = "time_steps are for single discs: they would pull bodies apart"
+            raise Impossible([(("integrator.scheme", "packing.body"), message)])
         return self
 
     @model_validator(mode="after")

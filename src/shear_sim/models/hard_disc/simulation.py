@@ -181,11 +181,16 @@ class HardDiscSimulation:
             -area * drive.shear * xy, area * kappa * (xx + yy), float((u[:, moving] * force).sum()),
         )  # fmt: skip
         if len(phi) and not isinstance(flow, Marching):  # whose contacts close within a step
-            residual = abs(power - sum(put_in)) / sum(map(abs, put_in))
-            self.power_residual = max(self.power_residual, residual)
+            # At rest on a floor ⟨u|F⟩ is round-off: what counts is what F could do to free discs.
+            free = float((flow.mobility[moving] * force**2).sum())
+            scale = abs(put_in[0]) + abs(put_in[1]) + free
+            if scale > 0.0:
+                residual = abs(power - sum(put_in)) / scale
+                self.power_residual = max(self.power_residual, residual)
             pushing = phi[flow.permanent[flow.set.pairs] == 0]
-            least = float(pushing.min(initial=0.0) / np.abs(phi).mean())
-            self.least_force = min(self.least_force, least)
+            if pushing.min(initial=0.0) < 0.0:
+                least = float(pushing.min() / np.abs(phi).mean())
+                self.least_force = min(self.least_force, least)
             self.largest_gap = max(self.largest_gap, float(np.abs(gap).max()) / flow.unit)
         _, time, strain, strain_rate, path_rate = (float(a[row]) for a in self.records)
         if self._imposed:
@@ -237,10 +242,12 @@ class HardDiscSimulation:
             "shear_end": float(self.records.time[-1]),
             "end": float(self.records.time[-1]),
         }
-        if self._imposed and self._seconds > 0.0:
+        if self._imposed and self.stopped is not None:
+            protocol["strain_rate"] = 0.0  # whatever it was before: there is no steady flow
+        elif self._imposed and self.done > 1:
             time, strain = self._table[:2, : self.done]
             middle = float(np.interp(0.5 * time[-1], time, strain))
-            protocol["strain_rate"] = (strain[-1] - middle) / (0.5 * time[-1])
+            protocol["strain_rate"] = float((strain[-1] - middle) / (0.5 * time[-1]))
             protocol["shear_end"] = protocol["end"] = float(time[-1])
         elif isinstance(shear, HardDiscSteadyShear):
             protocol["strain_rate"] = shear.strain_rate
@@ -300,8 +307,9 @@ class HardDiscSimulation:
         cell = {"width": flow.width, "height": flow.height, "offset": flow.offset}
         return cell | {name: values.tolist() for name, values in lists.items()}
 
-    def _measured(self) -> dict[str, float] | None:
+    def _measured(self) -> dict[str, float | None] | None:
         """Return means after the transient; None if the run did not come to its end."""
+        found: dict[str, float | None]
         shear = self.point.shear
         if isinstance(shear, HardDiscCompression | HardDiscStages):
             found = {"final_packing_fraction": self.flow.packing_fraction}
@@ -313,12 +321,13 @@ class HardDiscSimulation:
         columns = self.columns()
         late = self.path >= shear.transient * self.path[-1]
         mean = {name: float(values[late].mean()) for name, values in columns.items()}
+        stress, pressure = mean["scaled_shear_stress"], mean["scaled_pressure"]
         return {
-            "scaled_shear_stress": mean["scaled_shear_stress"],
-            "scaled_pressure": mean["scaled_pressure"],
-            "friction_coefficient": mean["scaled_shear_stress"]
-            / (mean["scaled_pressure"] or math.nan),
-            "viscous_number": 1.0 / (mean["scaled_pressure"] or math.nan),
+            "scaled_shear_stress": stress,
+            "scaled_pressure": pressure,
+            # Discs that never met have no pressure to divide by.
+            "friction_coefficient": stress / pressure if pressure else None,
+            "viscous_number": 1.0 / pressure if pressure else None,
             "contact_number": mean["contact_number"],
             "mean_packing_fraction": mean["packing_fraction"],
             "compression_ratio": mean["compression_ratio"],

@@ -16,7 +16,7 @@ from PIL import Image
 
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
-from shear_sim.render import Kept, palette, read_kept
+from shear_sim.render import Kept, read_kept
 from shear_sim.results import Results
 from shear_sim.runner import run_job
 from shear_sim.study import Job, StudyPoint, load_study
@@ -54,8 +54,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
     "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
     "hard_disc_self_propelled": {"colour": "speed", "contacts": "none"},
-    "hard_disc_inclined_plane": {"colour": "speed"},
-    "hard_disc_hopper": {"colour": "speed"},
+    "hard_disc_inclined_plane": {"colour": "speed", "contacts": "force"},
+    "hard_disc_hopper": {"colour": "speed", "contacts": "force"},
 }  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
         style.save_as(figure, path)
     with Image.open(path) as drawn:
         picture = drawn.convert("RGB")
-    small = picture.quantize(palette=palette([picture]), dither=Image.Dither.NONE)
+    small = picture.quantize(palette=style.palette([picture], 128), dither=Image.Dither.NONE)
     small.save(path, optimize=True)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB, of {kept.path}")
 

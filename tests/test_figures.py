@@ -622,6 +622,17 @@ def test_panels_side_by_side_leave_room_between_the_labels_of_their_axes():
     assert min(gaps) > 0.16  # inches: three digits
 
 
+def test_areas_keep_their_colours_exactly():
+    """A few flat colours, beside hundreds that are near one another, as edges are."""
+    sheet = np.zeros((90, 90, 3), np.uint8)
+    sheet[:30], sheet[30:60] = (0xFF, 0xFF, 0xFF), (0xC8, 0x10, 0x2E)
+    sheet[60:65] = (0xFC, 0xFD, 0xFB)  # nearly white: the more frequent one is kept
+    sheet[65:] = np.arange(25 * 90)[:, None].reshape(25, 90, 1) % [251, 241, 239]
+    picture = Image.fromarray(sheet)
+    shown = picture.quantize(palette=style.palette([picture], 128), dither=Image.Dither.NONE)
+    assert (np.asarray(shown.convert("RGB"))[:60] == sheet[:60]).all()
+
+
 def test_a_table_made_column_by_column_can_grow():
     """pandas warns of a column beyond a hundred that is put in by itself: a user sees that."""
     points = pd.DataFrame({"scene": ["one"]})

@@ -1,6 +1,6 @@
 """Pictures and films of a job that kept snapshots: particles, and strain and stress beside them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,14 +18,12 @@ from shear_sim.tables import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from PIL.Image import Image as Picture
 
 FloatArray = NDArray[np.float64]
 
 WIDTH, PANEL = style.DOUBLE, 2.35  # inches: of the figure, and of the curves in it
 FILM_DPI = 80
 FILM_COLOURS = 128  # fewer make smaller files
-FILM_COLOURS_EXACT = 48  # of them: the most frequent ones
 FRAME_MS = 50  # of a film
 
 
@@ -135,29 +133,9 @@ def write_film(
             drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
             frames.append(Image.fromarray(drawn[..., :3].copy()))
     # From a few of them: what changes from frame to frame are particles only.
-    colours = palette(frames[:: max(1, len(frames) // 4)])
+    colours = style.palette(frames[:: max(1, len(frames) // 4)], FILM_COLOURS)
     first, *rest = (f.quantize(palette=colours, dither=Image.Dither.NONE) for f in frames)
     first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
-
-
-def palette(frames: "Sequence[Picture]") -> "Picture":
-    """Return one set of colours for pictures (RGB), such as a few frames of a film.
-
-    Areas and lines have exactly their colours, which are few; what is between them is near enough.
-    """
-    from PIL import Image
-
-    sheet = np.concatenate([np.asarray(frame) for frame in frames])
-    packed = sheet.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
-    found, counts = np.unique(packed, return_counts=True)
-    often = found[np.argsort(-counts, kind="stable")[:FILM_COLOURS_EXACT]]
-    exact = (often[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
-    between = Image.fromarray(sheet).quantize(
-        FILM_COLOURS - len(exact), method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-    )
-    made = Image.new("P", (1, 1))
-    made.putpalette([*exact.ravel().tolist(), *(between.getpalette() or [])])
-    return made
 
 
 class _Stage:

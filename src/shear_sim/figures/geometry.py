@@ -106,15 +106,20 @@ def particle_pressure(s: Snapshot) -> FloatArray:
 def displacement(now: Snapshot, first: Snapshot, strain: float) -> FloatArray:
     """Return how far each particle (N, 2) is from the affine image of its place in ``first``.
 
-    To the nearest image; ``strain`` is what was imposed in between.
+    To the nearest image, and beside the mean of all: where the flow stands still is no matter of
+    the particles. ``strain`` is what was imposed in between.
     """
     scale = now.height / first.height
     x, y = (first.position * scale).T
     away: FloatArray = now.position - np.column_stack([x + strain * y, y])
     if now.periodic:
+        # All but a few have moved alike: about their circular mean no image is far.
+        turn = 2 * np.pi * (away[:, 0] - away[:, 1] * now.offset / now.height) / now.width
+        away[:, 0] -= np.angle(np.exp(1j * turn).mean()) * now.width / (2 * np.pi)
         up = np.rint(away[:, 1] / now.height)
         away -= np.column_stack([up * now.offset, up * now.height])
         away[:, 0] -= np.rint(away[:, 0] / now.width) * now.width
+    away -= away.mean(axis=0)
     return away
 
 

@@ -103,6 +103,8 @@ class Scene:
         inches = min(room.width * across / self.width, room.height * down / self.height)
         self.point = 72 * inches  # per unit of length
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
+        #: Too small for all forces: those above the mean are the chains.
+        self._small = bool(not self._shell and self.diameter < _SMALL_DISC)
         self.contacts = Contacts(contacts or self._readable(first))
         self._tints = particle_tints(first)
         self._values = self._coloured(strain)
@@ -130,8 +132,12 @@ class Scene:
         return min(max(of_diameter * self.diameter, 0.25), 2.5)
 
     def _readable(self, first: Snapshot) -> str:
-        held = self._shell or any((s.kind != CONTACT).any() for s in self.snapshots)
-        return "state" if held and first.periodic and self.diameter >= _SMALL_DISC else "force"
+        if self._shell or not first.periodic:
+            return "force"
+        if self.diameter < _SMALL_DISC and (self.colour != "particle" or LINK in first.kind):
+            return "none"  # particles are seen by their colours
+        held = any((s.kind != CONTACT).any() for s in self.snapshots)
+        return "state" if held and self.diameter >= _SMALL_DISC else "force"
 
     # --- What colours mean -----------------------------------------------------------------------
 
@@ -217,8 +223,11 @@ class Scene:
             push = _PUSH_ON_SCALE if self._values else _PUSH
             one = self._shell and not self._many
             way = "length: force / largest" if one else "width: force / mean"
+            way = "above the mean" if self._small else way
             shown += [line(push, f"push; {way}")]
-            shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
+            # Bars of a shell are drawn as its outline, whatever force is in them.
+            pulls = ((s.normal < 0) & ~(self._shell & (s.kind == LINK)) for s in self.snapshots)
+            shown += [line(_PULL, "pull")] * any(pull.any() for pull in pulls)
         if not shown:
             return None
         return axis.legend(
@@ -311,7 +320,7 @@ class Scene:
                 to_j - away * (_INTO_SHELL * s.width * strong / strong.max(initial=1e-300))[:, None]
             )
             thick[strong > 0] = _ON_SHELL
-        use = thick > 0.04
+        use = strong > mean if self._small else thick > 0.04
         segments = np.stack([from_i, to_j], axis=1)
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+    from PIL.Image import Image as Picture
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +66,7 @@ STORAGE, LOSS = UNORDERED[:2]  # where G' and G'' share a panel
 #: Quantities with open markers and dashed lines.
 OPEN = frozenset({"loss_modulus", "viscosity"})
 _SIGNED = frozenset({"stiffening_ratio", "thickening_ratio"})  # 0 is in the middle of their axes
+_ALIKE = 10  # difference of two colours, of 255
 _WIDE = 8  # largest / smallest value from which an axis of a parameter is logarithmic
 _FEW = 5  # values of a parameter that are labelled themselves
 _NEAR = 0.15  # of the axis: values nearer to one another have no room for their labels
@@ -176,8 +178,39 @@ def save_as(figure: "Figure", path: Path) -> None:
         whole = Image.frombytes("RGBA", size, drawn.getvalue()).convert("RGB")
         if not any(axis.get_label() == "<colorbar>" for axis in figure.axes):
             # Without a gradient, a palette of 256 makes a third of the file, and looks the same.
-            whole = whole.quantize(method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            whole = whole.quantize(palette=palette([whole]), dither=Image.Dither.NONE)
         whole.save(path, dpi=(DPI, DPI))
+
+
+def palette(pictures: "Sequence[Picture]", count: int = 256) -> "Picture":
+    """Return one set of at most ``count`` colours for pictures (RGB) of one width.
+
+    Areas and lines keep exactly their colours: those are few and frequent. What lies between them,
+    at edges, is near enough.
+    """
+    from PIL import Image
+
+    sheet = Image.new("RGB", (pictures[0].width, sum(each.height for each in pictures)))
+    top = 0
+    for each in pictures:
+        sheet.paste(each, (0, top))
+        top += each.height
+    exact = count * 3 // 8
+    found = sorted(sheet.getcolors(1 << 24) or [], reverse=True)
+    often = np.array([colour for _, colour in found[: 4 * exact]], np.int64)
+    rest = sheet.quantize(
+        count - exact, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    )
+    between = np.array(rest.getpalette(), np.int64).reshape(-1, 3)
+    chosen = np.zeros((0, 3), np.int64)
+    for most, candidates in ((exact, often), (count, between)):
+        for colour in candidates:
+            # Pillow may take either of two that are near one another.
+            if len(chosen) < most and (np.abs(chosen - colour).max(axis=1) >= _ALIKE).all():
+                chosen = np.vstack([chosen, colour])
+    made = Image.new("P", (1, 1))
+    made.putpalette(chosen.ravel().tolist())
+    return made
 
 
 def shades(count: int) -> "list[Any]":

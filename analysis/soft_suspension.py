@@ -4,8 +4,9 @@ shear-sim sweep configs/soft_suspension.yaml && shear-sim aggregate results/soft
 .venv/bin/python analysis/soft_suspension.py results/soft_suspension \
     analysis/figures/soft_suspension.png
 
-Draws table ``curves`` in units of k_b/R² and prints two tables in Markdown (kept in
-analysis/soft_suspension.md): moduli with what their work went into, and what must hold of all runs.
+Draws table ``curves`` in units of k_b/R², single packings as dots, and prints two tables in
+Markdown (kept in analysis/soft_suspension.md): moduli with what their work went into, and what must
+hold of all runs.
 """
 
 import argparse
@@ -30,24 +31,26 @@ ROOM = 2.0  # that panels leave for intervals
 SHARES = ("yield", "damping", "drag")
 
 
-def of_a_panel(axis: Axes, curves: pd.DataFrame, scenes: tuple[str, ...], unit: float) -> None:
+def of_a_panel(
+    axis: Axes, curves: pd.DataFrame, runs: pd.DataFrame, scenes: tuple[str, ...], unit: float
+) -> None:
     for kind, scene, colour, marker in zip(KINDS, scenes, style.UNORDERED, "os", strict=False):
         part = curves[curves["scene"] == scene].sort_values(AMPLITUDE)
         for name, symbol in MODULI.items():
             mean = part[f"{name}_mean"] / unit
             look = style.marker_style(name, colour, marker)
             axis.plot(part[AMPLITUDE], mean, label=f"{symbol}, {kind}", **look)
-            low, high = (part[f"{name}_ci_{end}"] / unit for end in ("low", "high"))
-            axis.fill_between(part[AMPLITUDE], low, high, color=colour, alpha=0.12, lw=0)
+            own = runs[runs["point"].isin(part["point"])]
+            axis.plot(own[AMPLITUDE], own[name] / unit, ".", color=colour, ms=2.5, alpha=0.6)
 
 
-def draw(path: Path, curves: pd.DataFrame, unit: float) -> None:
+def draw(path: Path, curves: pd.DataFrame, runs: pd.DataFrame, unit: float) -> None:
     cores = sorted(curves[CORE].unique())
     with style.figure(style.DOUBLE, 4.3) as figure:
         axes = figure.subplots(len(ROWS), len(cores), sharex=True, sharey="col", squeeze=False)
         for row, (what, scenes) in zip(axes, ROWS.items(), strict=True):
             for axis, core in zip(row, cores, strict=True):
-                of_a_panel(axis, curves[curves[CORE] == core], scenes, unit)
+                of_a_panel(axis, curves[curves[CORE] == core], runs, scenes, unit)
                 axis.set(xscale="log", yscale="log")
             row[0].set_ylabel(f"{what}\n$G'$, $G''$ / ($k_b/R^2$)")
         for axis, core in zip(axes[0], cores, strict=True):
@@ -67,11 +70,7 @@ def moduli(curves: pd.DataFrame, runs: pd.DataFrame, unit: float) -> None:
     print("| --- " * (len(heads) + 1) + "|")
     for _, point in curves.iterrows():
         cells = [str(point["scene"]), f"{point[CORE]:g}", f"{point[AMPLITUDE]:g}"]
-        for name in MODULI:
-            mean, low, high = (
-                f"{point[f'{name}_{part}'] / unit:.3g}" for part in ("mean", "ci_low", "ci_high")
-            )
-            cells.append(f"{mean} [{low}, {high}]")
+        cells += [f"{point[f'{name}_mean'] / unit:.3g}" for name in MODULI]
         cells += [f"{point[f'{name}_mean']:.2g}" for name in ("tan_delta", "third_harmonic_ratio")]
         own = runs[runs["point"] == point["point"]]
         cells += [f"{100 * own[f'{name}_loss_share'].mean():.0f} %" for name in SHARES]
@@ -98,10 +97,10 @@ def main() -> None:
     summary = read_job(given.results / "jobs" / f"{runs['job'].iloc[0]}.parquet").summary
     unit = summary["derived"]["bend_stiffness"] / summary["parameters"]["packing"]["radius"] ** 2
     print(f"# Suspensions of soft particles, {len(runs)} of {curves['planned'].sum()} runs\n")
-    print(f"k_b/R² = {unit:.4g} Pa; 95 % intervals over packings.\n")
+    print(f"k_b/R² = {unit:.4g} Pa; means over packings.\n")
     moduli(curves, runs, unit)
     gates(runs)
-    draw(given.figure, curves, unit)
+    draw(given.figure, curves, runs, unit)
 
 
 if __name__ == "__main__":

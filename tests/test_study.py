@@ -696,7 +696,7 @@ def test_reading_a_study_is_light():
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
         ("soft_particle_compaction", 4, 4),
-        ("soft_suspension", 96, 96),
+        ("soft_suspension", 72, 72),
         ("three_methods", 60, 60),
         ("soft_tissue", 2, 2),
         ("film", 2, 2),

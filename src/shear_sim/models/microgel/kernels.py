@@ -43,6 +43,7 @@ from shear_sim.models.microgel.motion import (
     strain_at,
     tally,
 )
+from shear_sim.models.microgel.octets import OCTET, SIGNS, add_to_both, between, to_rows
 from shear_sim.models.microgel.state import (
     BLOCK_ROWS,
     DISTANCE,
@@ -115,35 +116,40 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
 
 
 @jit(_nrt=False)
-def gather(
-    x: Floats, y: Floats, cx: Floats, cy: Floats, rim: Floats, rolled: Floats,
-    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
-) -> None:  # fmt: skip
-    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``."""
-    at = np.uint64(first)
-    for s in range(m):
-        a = i[at + np.uint64(s)]
-        b = j[at + np.uint64(s)]
-        block[DX + s] = x[b] - x[a]
-        block[DY + s] = y[b] - y[a]
-        block[CX + s] = cx[b] - cx[a]
-        block[CY + s] = cy[b] - cy[a]
-        if TANGENTIAL:
-            block[RIMS + s] = rim[b] + rim[a]
-            block[ROLLED + s] = rolled[b] + rolled[a]
+def lay_out(discs: Discs, work: Work) -> None:
+    """Write what pairs ask of their discs to one row of each, and no force yet."""
+    x, y, radius = discs.x, discs.y, discs.radius
+    px, py, pspin, turn, lx, ly = work.px, work.py, work.pspin, work.turn, work.lx, work.ly
+    rim, rolled, rows, sums = work.rim, work.rolled, work.rows, work.sums
+    n = x.shape[0]
+    if TANGENTIAL:
+        # Of all columns rows of j − rows of i are taken: negative is what adds up there.
+        for a in range(n):
+            rim[a] = radius[a] * pspin[a]
+            rolled[a] = radius[a] * turn[a]
+    whole = n - n % OCTET
+    for a in range(0, whole, OCTET):
+        to_rows((x, y, px, py, rim, rolled, lx, ly), a, rows)
+    for a in range(whole, n):
+        rows[a, 0], rows[a, 1], rows[a, 2], rows[a, 3] = x[a], y[a], px[a], py[a]
+        rows[a, 4], rows[a, 5], rows[a, 6], rows[a, 7] = rim[a], rolled[a], lx[a], ly[a]
+    for a in range(n):  # a whole array at once is five times slower
+        for q in range(sums.shape[1]):
+            sums[a, q] = 0.0
 
 
 @jit(_nrt=False)
-def gather_places(
-    lx: Floats, ly: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
-) -> None:
-    """Write to ``block`` what lies between the places in the cell, for `stress_of`."""
+def gather(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
+    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``."""
     at = np.uint64(first)
-    for s in range(m):
+    whole = m - m % OCTET
+    for s in range(0, whole, OCTET):
+        between(rows, i, j, first + s, block, DX + s)
+    for s in range(whole, m):
         a = i[at + np.uint64(s)]
         b = j[at + np.uint64(s)]
-        block[LX + s] = lx[b] - lx[a]
-        block[LY + s] = ly[b] - ly[a]
+        for q in range(OCTET):
+            block[DX + q * LANES + s] = rows[b, q] + SIGNS[q] * rows[a, q]
 
 
 @jit(_nrt=False)
@@ -269,22 +275,22 @@ def pair_forces(
 
 
 @jit(_nrt=False)
-def scatter(
-    fx: Floats, fy: Floats, torque: Floats,
-    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
-) -> None:  # fmt: skip
+def scatter(sums: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
     """Add the forces of a block to those of its discs, and torques in units of the radius."""
     at = np.uint64(first)
-    for s in range(m):
+    whole = m - m % OCTET
+    for s in range(0, whole, OCTET):
+        add_to_both(block, FX + s, i, j, first + s, sums)
+    for s in range(whole, m):
         a = i[at + np.uint64(s)]
         b = j[at + np.uint64(s)]
-        fx[a] += block[FX + s]
-        fy[a] += block[FY + s]
-        fx[b] -= block[FX + s]
-        fy[b] -= block[FY + s]
+        sums[a, 0] += block[FX + s]
+        sums[a, 1] += block[FY + s]
+        sums[b, 0] -= block[FX + s]
+        sums[b, 1] -= block[FY + s]
         if TANGENTIAL:
-            torque[a] += block[TWIST + s]
-            torque[b] += block[TWIST + s]
+            sums[a, 2] += block[TWIST + s]
+            sums[b, 2] += block[TWIST + s]
 
 
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
@@ -399,20 +405,15 @@ def contact_forces(
     """
     c = constants
     offset = strain * c.height - work.turns[0] * c.width
-    fx, fy, torque, block = work.fx, work.fy, work.torque, work.block
-    fx[:] = 0.0
-    fy[:] = 0.0
-    torque[:] = 0.0
-    block[CLOSEST:CLOSING] = 1.0
-    block[CLOSING : CLOSING + LANES] = 0.0
-    if TANGENTIAL:
-        for a in range(fx.shape[0]):
-            work.rim[a] = discs.radius[a] * work.pspin[a]
-            work.rolled[a] = discs.radius[a] * work.turn[a]
+    block = work.block
+    for s in range(LANES):
+        block[CLOSEST + s] = block[LONGEST + s] = 1.0
+        block[CLOSING + s] = 0.0
     if record:
         places(discs, work, c, offset)
         work.tensors[:] = 0.0
         work.row[:] = 0.0
+    lay_out(discs, work)
     if TALLY:
         work.power[1] = work.power[2] = work.stored[0] = 0.0
     free = np.inf
@@ -431,28 +432,27 @@ def contact_forces(
             row = first // LANES
             table = pairs.table[row]
             fetch(pairs.table, row + 1, 0)
-            gather(
-                discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
-                pairs.i, pairs.j, first, m, block,
-            )  # fmt: skip
+            gather(work.rows, pairs.i, pairs.j, first, m, block)
             fetch(pairs.table, row + 1, 1)
             pair_forces(block, table, m, springs, c, offset, rate, h)
             fetch(pairs.table, row + 1, 2)
-            scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
+            scatter(work.sums, pairs.i, pairs.j, first, m, block)
             fetch(pairs.table, row + 1, 3)
             if record:
-                gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
                 stress_of(block, table, m, elsewhere, work.tensors, work.row)
             if TALLY:
                 tally_pairs(work, table, m, springs, c)
-    if TANGENTIAL:
-        for a in range(fx.shape[0]):
-            torque[a] *= discs.radius[a]
-    work.closest[0], work.closest[1], work.closest[2] = 1.0, 1.0, 0.0
+    fx, fy, torque, radius = work.fx, work.fy, work.torque, discs.radius
+    for a in range(fx.shape[0]):
+        fx[a], fy[a] = work.sums[a, 0], work.sums[a, 1]
+        torque[a] = work.sums[a, 2] * radius[a]
+    closest, longest, closing = bits(1.0), bits(1.0), bits(0.0)
     for s in range(LANES):
-        work.closest[0] = min(work.closest[0], block[CLOSEST + s])
-        work.closest[1] = max(work.closest[1], block[LONGEST + s])
-        work.closest[2] = max(work.closest[2], block[CLOSING + s])
+        closest = min(closest, bits(block[CLOSEST + s]))
+        longest = max(longest, bits(block[LONGEST + s]))
+        closing = max(closing, bits(block[CLOSING + s]))
+    work.closest[0], work.closest[1] = number(closest), number(longest)
+    work.closest[2] = number(closing)
     work.closest[3] = min(work.closest[3], work.closest[0])
 
 

@@ -129,6 +129,14 @@ def make_discs(
     return Discs(x, y, cx, cy, s, r, m, i, np.zeros(n))
 
 
+def aligned(n: int, width: int) -> FloatArray:
+    """Return zeros (n, width) of which no row lies in more lines of the cache than it must."""
+    line = 64 // 8
+    buffer = np.zeros(n * width + line)
+    start = -(buffer.ctypes.data // 8) % line
+    return buffer[start : start + n * width].reshape(n, width)
+
+
 def make_work(n: int) -> Work:
     """Return the work arrays for N discs."""
 
@@ -140,6 +148,7 @@ def make_work(n: int) -> Work:
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
         turn=per_disc(), rim=per_disc(), rolled=per_disc(),
+        rows=aligned(n, 8), sums=aligned(n, 4),
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
         strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),

@@ -64,6 +64,8 @@ class Work(NamedTuple):
     y0: Floats
     wx: Ints  # image of the cell that a disc was in when the contact list was made
     wy: Ints
+    rows: Floats  # (N, 8) what pairs ask of a disc: x, y, px, py, rim, rolled, lx, ly
+    sums: Floats  # (N, 4) forces and torque / r, summed over pairs
     lx: Floats  # place in the cell from its centre [m], 0 for glued discs (records)
     ly: Floats
     strain0: Floats  # (1,) strain when the contact list was made

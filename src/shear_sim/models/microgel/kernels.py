@@ -25,6 +25,10 @@ from shear_sim.cell import Floats
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
+    CLOSEST_OF,
+    CLOSING_OF,
+    FASTEST,
+    LONGEST_OF,
     accelerate,
     add_scaled,
     bits,
@@ -34,6 +38,8 @@ from shear_sim.models.microgel.motion import (
     energy_row,
     finish_row,
     kick,
+    largest_of,
+    mine,
     moved,
     number,
     peak_rate,
@@ -51,6 +57,7 @@ from shear_sim.models.microgel.state import (
     EY,
     LANES,
     MOST_PIECES,
+    NEAR,
     NOT_FINITE,
     NX,
     NY,
@@ -74,6 +81,7 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.prefetch import prefetch
+from shear_sim.threads import meet
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
 # no tangential forces: a scene without friction pays for no rotation.
@@ -84,12 +92,15 @@ RESET = False  # whether a slip empties the spring, as in the historical program
 
 CACHED_ROWS = 100  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
 
+# Places in a row of Pairs.shared, after forces and torques.
+SUMS, LOWEST, HIGHEST = 3 * LANES, 3 * LANES + 16, 3 * LANES + 17
+
 # Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
 # rims, place in the cell; then force on i and torque / r; then extremes over all blocks; then what
-# TALLY asks for.
+# TALLY asks for; then what the block adds to the sums of a record.
 (
     DX, DY, CX, CY, RIMS, ROLLED, LX, LY, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
-    ELASTIC, VN, VT, BEFORE, SLID,
+    ELASTIC, VN, VT, BEFORE, SLID, TOTALS,
 ) = range(0, BLOCK_ROWS * LANES, LANES)  # fmt: skip
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -121,19 +132,18 @@ def lay_out(discs: Discs, work: Work) -> None:
     x, y, radius = discs.x, discs.y, discs.radius
     px, py, pspin, turn, lx, ly = work.px, work.py, work.pspin, work.turn, work.lx, work.ly
     rim, rolled, rows, sums = work.rim, work.rolled, work.rows, work.sums
-    n = x.shape[0]
+    first, last = mine(work)
     if TANGENTIAL:
-        # Of all columns rows of j − rows of i are taken: negative is what adds up there.
-        for a in range(n):
+        for a in range(first, last):
             rim[a] = radius[a] * pspin[a]
             rolled[a] = radius[a] * turn[a]
-    whole = n - n % OCTET
-    for a in range(0, whole, OCTET):
+    begin, whole = np.int64(first), np.int64(last) - np.int64(last) % OCTET
+    for a in range(begin, whole, OCTET):
         to_rows((x, y, px, py, rim, rolled, lx, ly), a, rows)
-    for a in range(whole, n):
+    for a in range(np.uint64(whole), last):
         rows[a, 0], rows[a, 1], rows[a, 2], rows[a, 3] = x[a], y[a], px[a], py[a]
         rows[a, 4], rows[a, 5], rows[a, 6], rows[a, 7] = rim[a], rolled[a], lx[a], ly[a]
-    for a in range(n):  # a whole array at once is five times slower
+    for a in range(first, last):  # a whole array at once is five times slower
         for q in range(sums.shape[1]):
             sums[a, q] = 0.0
 
@@ -275,35 +285,36 @@ def pair_forces(
 
 
 @jit(_nrt=False)
-def scatter(sums: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
-    """Add the forces of a block to those of its discs, and torques in units of the radius."""
-    at = np.uint64(first)
+def scatter(
+    sums: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, at: int
+) -> None:
+    """Add the forces of a block, from ``at`` on, to those of its discs; torques / r too."""
     whole = m - m % OCTET
     for s in range(0, whole, OCTET):
-        add_to_both(block, FX + s, i, j, first + s, sums)
+        add_to_both(block, at + s, i, j, first + s, sums)
     for s in range(whole, m):
-        a = i[at + np.uint64(s)]
-        b = j[at + np.uint64(s)]
-        sums[a, 0] += block[FX + s]
-        sums[a, 1] += block[FY + s]
-        sums[b, 0] -= block[FX + s]
-        sums[b, 1] -= block[FY + s]
+        a = i[np.uint64(first + s)]
+        b = j[np.uint64(first + s)]
+        sums[a, 0] += block[at + s]
+        sums[a, 1] += block[at + LANES + s]
+        sums[b, 0] -= block[at + s]
+        sums[b, 1] -= block[at + LANES + s]
         if TANGENTIAL:
-            sums[a, 2] += block[TWIST + s]
-            sums[b, 2] += block[TWIST + s]
+            sums[a, 2] += block[at + 2 * LANES + s]
+            sums[b, 2] += block[at + 2 * LANES + s]
 
 
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def stress_of(
-    block: Floats, table: Floats, m: int, elsewhere: float, tensors: Floats, row: Floats
+    block: Floats, table: Floats, m: int, elsewhere: float, sums: Floats, at: int
 ) -> None:
-    """Add a block to the sums of a record.
+    """Write what a block adds to the sums of a record, 16 numbers, to ``sums`` from ``at`` on.
 
-    ``tensors``: −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
+    They are −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
     inside the cell, and the forces of the others as outside forces on the discs of the cell, at
     their places (Table S2-3). Such are pairs across an edge, and those of a glued disc: their
-    places are not as far apart as their discs, by more than ``elsewhere``. ``row``: the numbers of
+    places are not as far apart as their discs, by more than ``elsewhere``. Then the numbers of
     touching and of sliding pairs.
     """
     xx = xy = yx = yy = twist = touching = sliding = 0.0
@@ -334,22 +345,21 @@ def stress_of(
             ot += both if outside else 0.0
             sliding += 1.0 if table[STATE + s] == SLIDE else 0.0
         touching += 1.0 if dx * dx + dy * dy < D * D else 0.0
-    tensors[0] += xx
-    tensors[1] += xy
-    tensors[2] += yx
-    tensors[3] += yy
-    tensors[4] += twist
-    tensors[5] += xx - oxx
-    tensors[6] += xy - oxy
-    tensors[7] += yx - oyx
-    tensors[8] += yy - oyy
-    tensors[9] += twist - ot
-    tensors[10] += exx
-    tensors[11] += exy
-    tensors[12] += eyx
-    tensors[13] += eyy
-    row[0] += touching
-    row[1] += sliding
+    found = (
+        xx, xy, yx, yy, twist, xx - oxx, xy - oxy, yx - oyx, yy - oyy, twist - ot,
+        exx, exy, eyx, eyy, touching, sliding,
+    )  # fmt: skip
+    for c in range(16):
+        sums[at + c] = found[c]
+
+
+@jit(_nrt=False)
+def add_sums(work: Work, sums: Floats, at: int) -> None:
+    """Add what `stress_of` has written to the sums of the record."""
+    for c in range(14):
+        work.tensors[c] += sums[at + c]
+    work.row[0] += sums[at + 14]
+    work.row[1] += sums[at + 15]
 
 
 @jit(_nrt=False)
@@ -384,6 +394,90 @@ def tally_pairs(work: Work, table: Floats, m: int, springs: Springs, constants: 
 
 
 @jit(_nrt=False)
+def share_blocks(
+    work: Work,
+    pairs: Pairs,
+    springs: Springs,
+    constants: Constants,
+    count: int,
+    offset: float,
+    rate: float,
+    h: float,
+    record: bool,
+    elsewhere: float,
+) -> None:
+    """Work out this thread's share of the blocks, and keep in ``pairs.shared`` what follows.
+
+    That is, of each block: forces and torques of its pairs, what it adds to the sums of a record,
+    and the lowest and highest of its discs. Pairs lie in the order of their discs, but for each
+    distance anew (`renew_contacts`): a thread has its share of each distance, so that most discs
+    that it meets are its own.
+    """
+    block = work.block
+    i, j = pairs.i, pairs.j
+    begin = 0
+    for group in range(NEAR):
+        end = count if springs.reach > 0.0 else min(np.int64(work.near[1 + group]), count)
+        blocks = (end + LANES - 1) // LANES - begin
+        mine_from = begin + blocks * work.thread // work.threads
+        mine_to = begin + blocks * (work.thread + 1) // work.threads
+        begin += blocks
+        for row in range(mine_from, mine_to):
+            first = row * LANES
+            m = min(LANES, count - first)
+            table, shared = pairs.table[row], pairs.shared[row]
+            fetch(pairs.table, row + 1, 0)
+            gather(work.rows, i, j, first, m, block)
+            fetch(pairs.table, row + 1, 1)
+            pair_forces(block, table, m, springs, constants, offset, rate, h)
+            fetch(pairs.table, row + 1, 2)
+            for s in range(3 * LANES):  # FX, FY and TWIST follow each other
+                shared[s] = block[FX + s]
+            lowest, highest = np.uint32(i[first]), np.uint32(j[first])
+            for s in range(first, first + m):
+                lowest = min(lowest, np.uint32(i[s]))
+                highest = max(highest, np.uint32(j[s]))  # i < j
+            shared[LOWEST], shared[HIGHEST] = lowest, highest
+            fetch(pairs.table, row + 1, 3)
+            if record:
+                stress_of(block, table, m, elsewhere, shared, SUMS)
+
+
+@jit(_nrt=False)
+def collect(work: Work, pairs: Pairs, count: int, record: bool) -> None:
+    """Add up what `share_blocks` has kept, for this thread's discs in the order of the list.
+
+    So every disc's sum is made as one thread would have made it, to the bit.
+    """
+    sums, i, j = work.sums, pairs.i, pairs.j
+    begin, end = mine(work)
+    for row in range((count + LANES - 1) // LANES):
+        first = row * LANES
+        m = min(LANES, count - first)
+        shared = pairs.shared[row]
+        lowest, highest = np.uint64(shared[LOWEST]), np.uint64(shared[HIGHEST])
+        if highest < begin or lowest >= end:
+            continue
+        if lowest >= begin and highest < end:
+            scatter(sums, i, j, first, m, shared, 0)
+            continue
+        for s in range(m):
+            a = np.uint64(i[np.uint64(first + s)])
+            b = np.uint64(j[np.uint64(first + s)])
+            if begin <= a < end:
+                sums[a, 0] += shared[s]
+                sums[a, 1] += shared[LANES + s]
+                sums[a, 2] += shared[2 * LANES + s]
+            if begin <= b < end:
+                sums[b, 0] -= shared[s]
+                sums[b, 1] -= shared[LANES + s]
+                sums[b, 2] += shared[2 * LANES + s]
+    if record and work.thread == 0:
+        for row in range((count + LANES - 1) // LANES):
+            add_sums(work, pairs.shared[row], SUMS)
+
+
+@jit(_nrt=False)
 def contact_forces(
     discs: Discs,
     work: Work,
@@ -411,9 +505,11 @@ def contact_forces(
         block[CLOSING + s] = 0.0
     if record:
         places(discs, work, c, offset)
-        work.tensors[:] = 0.0
-        work.row[:] = 0.0
+        if work.thread == 0:
+            work.tensors[:] = 0.0
+            work.row[:] = 0.0
     lay_out(discs, work)
+    meet(work.meeting, work.threads)
     if TALLY:
         work.power[1] = work.power[2] = work.stored[0] = 0.0
     free = np.inf
@@ -423,10 +519,11 @@ def contact_forces(
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
     elsewhere = 0.1 * min(c.width, c.height)
-    for pairs, springs, count in (
-        (links, link, np.int32(links.i.shape[0])),
-        (contacts, contact, work.near[0]),
-    ):
+    for pairs, springs in ((links, link), (contacts, contact)):
+        count = np.int64(pairs.i.shape[0] if springs.reach > 0.0 else work.near[0])
+        if work.threads > 1:
+            share_blocks(work, pairs, springs, c, count, offset, rate, h, record, elsewhere)
+            continue
         for first in range(0, count, LANES):
             m = int(min(LANES, count - first))
             row = first // LANES
@@ -436,27 +533,42 @@ def contact_forces(
             fetch(pairs.table, row + 1, 1)
             pair_forces(block, table, m, springs, c, offset, rate, h)
             fetch(pairs.table, row + 1, 2)
-            scatter(work.sums, pairs.i, pairs.j, first, m, block)
+            scatter(work.sums, pairs.i, pairs.j, first, m, block, FX)
             fetch(pairs.table, row + 1, 3)
             if record:
-                stress_of(block, table, m, elsewhere, work.tensors, work.row)
+                stress_of(block, table, m, elsewhere, block, TOTALS)
+                add_sums(work, block, TOTALS)
             if TALLY:
                 tally_pairs(work, table, m, springs, c)
-    fx, fy, torque, radius = work.fx, work.fy, work.torque, discs.radius
-    for a in range(fx.shape[0]):
-        fx[a], fy[a] = work.sums[a, 0], work.sums[a, 1]
-        torque[a] = work.sums[a, 2] * radius[a]
+    # Of each lane over all blocks; now of all lanes.
     closest, longest, closing = bits(1.0), bits(1.0), bits(0.0)
     for s in range(LANES):
         closest = min(closest, bits(block[CLOSEST + s]))
         longest = max(longest, bits(block[LONGEST + s]))
         closing = max(closing, bits(block[CLOSING + s]))
+    if work.threads > 1:
+        found = work.extremes[work.thread]
+        found[CLOSEST_OF], found[LONGEST_OF] = number(closest), number(longest)
+        found[CLOSING_OF] = number(closing)
+        meet(work.meeting, work.threads)
+        for thread in range(work.threads):
+            found = work.extremes[thread]
+            closest = min(closest, bits(found[CLOSEST_OF]))
+            longest = max(longest, bits(found[LONGEST_OF]))
+            closing = max(closing, bits(found[CLOSING_OF]))
+        collect(work, links, np.int64(links.i.shape[0]), record)
+        collect(work, contacts, np.int64(work.near[0]), record)
     work.closest[0], work.closest[1] = number(closest), number(longest)
     work.closest[2] = number(closing)
     work.closest[3] = min(work.closest[3], work.closest[0])
+    fx, fy, torque, radius = work.fx, work.fy, work.torque, discs.radius
+    begin, end = mine(work)
+    for a in range(begin, end):
+        fx[a], fy[a] = work.sums[a, 0], work.sums[a, 1]
+        torque[a] = work.sums[a, 2] * radius[a]
 
 
-@jit
+@jit(nogil=True)
 def relax(
     discs: Discs,
     work: Work,
@@ -488,6 +600,7 @@ def relax(
         The list of contacts, the steps made so far and the largest net force reached [N/m].
     """
     n = discs.x.shape[0]
+    begin, end = mine(work)
     if first == 0:
         discs.cx[:] = 0.0
         discs.cy[:] = 0.0
@@ -505,6 +618,7 @@ def relax(
         if not moved(discs, work, constants, 0.0) <= constants.skin:
             contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
         contact_forces(discs, work, links, contacts, constants, 0.0, 0.0, 0.0, False)
+        meet(work.meeting, work.threads)  # each thread adds up all, in the order of the discs
         largest2 = 0.0
         power = 0.0
         force2 = 0.0
@@ -531,7 +645,8 @@ def relax(
             mixing = 0.25
             # Half a step back, as the climb began somewhere inside the last one.
             h = 0.5 * scale * substep(constants, work, size, 0.0)
-            for a in range(n):
+            meet(work.meeting, work.threads)
+            for a in range(begin, end):
                 discs.x[a] -= h * discs.cx[a]
                 discs.y[a] -= h * discs.cy[a]
                 discs.cx[a] = 0.0
@@ -539,7 +654,8 @@ def relax(
             speed2 = 0.0
         h = scale * substep(constants, work, size, 0.0)
         along = mixing * np.sqrt(speed2 / force2)
-        for a in range(n):
+        meet(work.meeting, work.threads)
+        for a in range(begin, end):
             cx = discs.cx[a] + h * work.fx[a] / discs.mass[a]
             cy = discs.cy[a] + h * work.fy[a] / discs.mass[a]
             if power > 0.0:
@@ -554,6 +670,7 @@ def relax(
             discs.cy[a] = cy
             discs.x[a] += h * cx
             discs.y[a] += h * cy
+    meet(work.meeting, work.threads)
     fire[0], fire[1], fire[2] = mixing, downhill, scale
     return contacts, steps, largest
 
@@ -619,14 +736,16 @@ def approach_time(constants: Constants, discs: Discs, work: Work, smallest_radiu
     a fifth: also on its way out, or the force of the clamp would act for a whole step.
     """
     largest = np.uint64(0)
-    for a in range(discs.cx.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         cx, cy = discs.cx[a], discs.cy[a]
         largest = max(largest, bits(cx * cx + cy * cy))
+    largest = largest_of(largest, FASTEST, work)
     fastest = max(0.8 * np.sqrt(number(largest)) / smallest_radius, work.closest[2], 1e-150)
     return float(constants.step_approach / fastest)
 
 
-@jit
+@jit(nogil=True)
 def run(
     discs: Discs,
     work: Work,
@@ -666,12 +785,12 @@ def run(
             # The rate jumps: forces anew, with the rate on this side of the jump.
             before = 0.0 if start else strain_at(clock, segment(clock, k - 1), k - 1, 1.0)[1]
             if not constants.affine:
-                edge_kick(discs, constants, rate - before)
+                edge_kick(discs, work, constants, rate - before)
             if start:
                 contacts = renew_contacts(discs, work, links, contacts, constants, strain)
-            kick(discs.cx, work.px, work.ax, 0.0, 0.0)
-            kick(discs.cy, work.py, work.ay, 0.0, 0.0)
-            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0)
+            kick(discs.cx, work.px, work.ax, 0.0, 0.0, work)
+            kick(discs.cy, work.py, work.ay, 0.0, 0.0, work)
+            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0, work)
             carry_plates(discs, work, constants, rate)
             contact_forces(
                 discs, work, links, contacts, constants, strain, rate, 0.0, start or TALLY,
@@ -704,12 +823,12 @@ def run(
             strain1, rate1 = strain_at(clock, now, k, at / MOST_PIECES)
             kick_rate = 0.5 * (rate1 - rate)
             if not constants.affine:
-                edge_kick(discs, constants, kick_rate)
+                edge_kick(discs, work, constants, kick_rate)
             # Half of the kick and a prediction, or all of it at once.
             now_h, lead = (h, 0.0) if euler else (0.5 * h, 0.5 * h)
-            kick(discs.cx, work.px, work.ax, now_h, lead)
-            kick(discs.cy, work.py, work.ay, now_h, lead)
-            kick(discs.spin, work.pspin, work.aspin, now_h, lead)
+            kick(discs.cx, work.px, work.ax, now_h, lead, work)
+            kick(discs.cy, work.py, work.ay, now_h, lead, work)
+            kick(discs.spin, work.pspin, work.aspin, now_h, lead, work)
             drift(discs, work, constants, h, strain1 - strain, rate1)
             strain, rate = strain1, rate1
             way = moved(discs, work, constants, strain)
@@ -725,11 +844,11 @@ def run(
             accelerate(discs, work, constants, rate)
             if not euler:
                 # Glued discs, whose velocity is their plate's, have no acceleration.
-                add_scaled(discs.cx, 0.5 * h, work.ax)
-                add_scaled(discs.cy, 0.5 * h, work.ay)
-                add_scaled(discs.spin, 0.5 * h, work.aspin)
+                add_scaled(discs.cx, 0.5 * h, work.ax, work)
+                add_scaled(discs.cy, 0.5 * h, work.ay, work)
+                add_scaled(discs.spin, 0.5 * h, work.aspin, work)
             if not constants.affine:
-                edge_kick(discs, constants, kick_rate)
+                edge_kick(discs, work, constants, kick_rate)
             if TALLY:
                 tally(discs, work, constants, rate, h)
             substeps += 1

@@ -4,6 +4,7 @@ Nothing here knows the contact law; :mod:`kernels` does. Equation numbers are th
 """
 
 import numpy as np
+from numba import carray
 
 from shear_sim.cell import Floats, Ints, turns_of, wrap_count
 from shear_sim.compiled import jit
@@ -16,8 +17,10 @@ from shear_sim.models.microgel.state import (
     OPEN,
     OSCILLATION,
     PAIR_ROWS,
+    PART,
     PER_SUM,
     REST,
+    SHARED,
     STATE,
     STEADY,
     SUM,
@@ -28,6 +31,10 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.neighbours import find_pairs
+from shear_sim.threads import address, meet, part
+
+# Columns of Work.extremes
+FARTHEST, FASTEST, CLOSEST_OF, LONGEST_OF, CLOSING_OF = range(5)
 
 
 @jit(_nrt=False)
@@ -77,21 +84,31 @@ def empty_pairs(n: int) -> Pairs:
     blocks = (n + LANES - 1) // LANES
     return Pairs(
         i=np.zeros(n, np.uint32), j=np.zeros(n, np.uint32),
-        table=np.zeros((blocks, PAIR_ROWS * LANES)),
+        table=np.zeros((blocks, PAIR_ROWS * LANES)), shared=np.zeros((0, SHARED)),
     )  # fmt: skip
 
 
 @jit(_nrt=False)
-def add_scaled(to: Floats, factor: float, values: Floats) -> None:
+def mine(work: Work) -> tuple[np.uint64, np.uint64]:
+    """Return the discs that are this thread's: the first, and one past the last."""
+    return part(work.px.shape[0], work.thread, work.threads)
+
+
+@jit(_nrt=False)
+def add_scaled(to: Floats, factor: float, values: Floats, work: Work) -> None:
     """Add ``factor`` × ``values`` to ``to``; arrays (N,)."""
-    for a in range(to.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         to[a] += factor * values[a]
 
 
 @jit(_nrt=False)
-def kick(velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float) -> None:
+def kick(
+    velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float, work: Work
+) -> None:
     """Kick velocities for ``h`` seconds and predict them ``lead`` seconds later; arrays (N,)."""
-    for a in range(velocity.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         velocity[a] += h * acceleration[a]
         predicted[a] = velocity[a] + lead * acceleration[a]
 
@@ -106,14 +123,15 @@ def drift(
     """
     x, y, cx, cy, turn, spin = discs.x, discs.y, discs.cx, discs.cy, work.turn, discs.spin
     height = constants.height
-    for a in range(x.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         x[a] += h * cx[a] + change * (y[a] + 0.5 * h * cy[a] - 0.5 * height)
     if constants.plates:
-        for a in range(x.shape[0]):
+        for a in range(first, last):
             if discs.plate[a] != 0.0:  # goes with its plate instead
                 x[a] += change * (discs.plate[a] * 0.5 * height - (y[a] - 0.5 * height))
                 x[a] -= h * cx[a]
-    for a in range(x.shape[0]):
+    for a in range(first, last):
         y[a] += h * cy[a]
         turn[a] = h * spin[a] - 0.5 * change
     carry_plates(discs, work, constants, rate)
@@ -145,7 +163,36 @@ def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
 def renew_contacts(
     discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
 ) -> Pairs:
-    """Bring discs back into the cell and return a new list of contacts that keeps their springs."""
+    """Bring discs back into the cell and return a new list of contacts that keeps their springs.
+
+    The first thread makes it, and the others get to know where it lies.
+    """
+    if work.threads == 1:
+        return new_contacts(discs, work, links, contacts, constants, strain)
+    meet(work.meeting, work.threads)  # nobody needs the discs where they are any more
+    if work.thread == 0:
+        new = new_contacts(discs, work, links, contacts, constants, strain)
+        blocks = new.table.shape[0]
+        new = Pairs(new.i, new.j, new.table, np.empty((blocks, SHARED)))
+        lists = work.lists
+        lists[0], lists[1], lists[2] = new.i.ctypes.data, new.j.ctypes.data, new.table.ctypes.data
+        lists[3], lists[4], lists[5] = new.shared.ctypes.data, new.i.shape[0], blocks
+        meet(work.meeting, work.threads)
+        return new
+    meet(work.meeting, work.threads)
+    at_i, at_j, at_table, at_shared, n, blocks = work.lists
+    return Pairs(
+        carray(address(at_i), (n,), np.uint32), carray(address(at_j), (n,), np.uint32),
+        carray(address(at_table), (blocks, PAIR_ROWS * LANES), np.float64),
+        carray(address(at_shared), (blocks, SHARED), np.float64),
+    )  # fmt: skip
+
+
+@jit
+def new_contacts(
+    discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
+) -> Pairs:
+    """Do what `renew_contacts` says, in one thread."""
     n = discs.x.shape[0]
     x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
     width, height, skin = constants.width, constants.height, constants.skin
@@ -240,11 +287,12 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
     middle = 0.5 * constants.height
     x, y, x0, y0 = discs.x, discs.y, work.x0, work.y0
     farthest = np.uint64(0)
-    for a in range(x.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         dx = x[a] - x0[a] - change * (y[a] - middle)
         dy = y[a] - y0[a]
         farthest = max(farthest, bits(dx * dx + dy * dy))
-    farthest2 = number(farthest)
+    farthest2 = number(largest_of(farthest, FARTHEST, work))
     if not farthest2 < (1000.0 * constants.width) ** 2:
         return np.nan
     # Shear brings discs from D (1 + stretch) to contact at most: the larger of its singular values.
@@ -255,6 +303,18 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
         near = work.near[1 + min(int(NEAR * way / constants.skin), NEAR - 1)]
         work.near[0] = max(work.near[0], near)
     return float(way)
+
+
+@jit(_nrt=False)
+def largest_of(value: np.uint64, column: int, work: Work) -> np.uint64:
+    """Return the largest of what each thread has found, see `bits`; all wait for each other."""
+    if work.threads == 1:
+        return value
+    work.extremes[work.thread, column] = number(value)
+    meet(work.meeting, work.threads)
+    for thread in range(work.threads):
+        value = max(value, bits(work.extremes[thread, column]))
+    return value
 
 
 @jit(_nrt=False)
@@ -278,11 +338,12 @@ def places(discs: Discs, work: Work, constants: Constants, offset: float) -> Non
     x, y, plate, lx, ly = discs.x, discs.y, discs.plate, work.lx, work.ly
     width, height = constants.width, constants.height
     images = 1.0 if constants.periodic else 0.0
-    for a in range(x.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         up = images * np.floor(y[a] / height)
         ly[a] = (1.0 - abs(plate[a])) * (y[a] - up * height - 0.5 * height)
         lx[a] = x[a] - up * offset
-    for a in range(x.shape[0]):
+    for a in range(first, last):
         right = images * np.floor(lx[a] / width)
         lx[a] = (1.0 - abs(plate[a])) * (lx[a] - right * width - 0.5 * width)
 
@@ -296,13 +357,14 @@ def accelerate(discs: Discs, work: Work, constants: Constants, rate: float) -> N
     px, py, pspin = work.px, work.py, work.pspin
     fx, fy, torque = work.fx, work.fy, work.torque
     ax, ay, aspin = work.ax, work.ay, work.aspin
-    for a in range(mass.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         free = 1.0 - abs(plate[a])
         ax[a] = free * (fx[a] / mass[a] - damping * px[a] - rate * py[a])
-    for a in range(mass.shape[0]):
+    for a in range(first, last):
         free = 1.0 - abs(plate[a])
         ay[a] = free * (fy[a] / mass[a] - damping * py[a])
-    for a in range(mass.shape[0]):
+    for a in range(first, last):
         free = 1.0 - abs(plate[a])
         aspin[a] = free * (torque[a] / inertia[a] - spin_damping * (pspin[a] - target))
 
@@ -312,7 +374,8 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
     """Give glued discs the velocity of their plate, ±γ̇ L_y/2, and no rotation."""
     if not constants.plates:
         return
-    for a in range(discs.x.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         if discs.plate[a] != 0.0:
             half = 0.5 * constants.height
             discs.cx[a] = rate * (discs.plate[a] * half - (discs.y[a] - half))
@@ -325,9 +388,10 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
 
 
 @jit(_nrt=False)
-def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
+def edge_kick(discs: Discs, work: Work, constants: Constants, change: float) -> None:
     """Take back the affine kick of a rate change: inertia alone, for a cell driven at its edges."""
-    for a in range(discs.x.shape[0]):
+    first, last = mine(work)
+    for a in range(first, last):
         if discs.plate[a] == 0:
             y = discs.y[a]
             if constants.periodic:
@@ -339,11 +403,11 @@ def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
 # Sums in whatever order is fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def disc_sums(
-    discs: Discs, work: Work, rate: float
+    discs: Discs, work: Work, rate: float, first: np.uint64, last: np.uint64
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return sums over free discs: torque, spin energy, m c c (xx, xy, yy), F (x − L/2)."""
     torque = kinetic = xx = xy = yy = uxx = uxy = uyx = uyy = 0.0
-    for a in range(discs.x.shape[0]):
+    for a in range(first, last):
         free = 1.0 - abs(discs.plate[a])
         torque += free * work.torque[a]
         omega = discs.spin[a] - 0.5 * rate
@@ -361,14 +425,38 @@ def disc_sums(
 
 
 @jit(_nrt=False)
+def sum_parts(discs: Discs, work: Work, rate: float) -> None:
+    """Leave `disc_sums` of parts of the discs in ``work.parts``, each made by one thread."""
+    meet(work.meeting, work.threads)
+    n = discs.x.shape[0]
+    for p in range(work.thread, work.parts.shape[0], work.threads):
+        sums = disc_sums(discs, work, rate, np.uint64(p * PART), np.uint64(min(n, (p + 1) * PART)))
+        for c in range(9):
+            work.parts[p, c] = sums[c]
+    meet(work.meeting, work.threads)
+
+
+@jit(_nrt=False)
 def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row: Floats) -> None:
-    """Fill a record from the sums of ``contact_forces`` and the velocities of this instant."""
+    """Fill a record from the sums of ``contact_forces`` and the velocities of this instant.
+
+    The first thread does it, when all have made their sums; the others wait.
+    """
+    sum_parts(discs, work, rate)
+    if work.thread != 0:
+        meet(work.meeting, work.threads)
+        return
     volume = constants.width * constants.height
     tensors = work.tensors
     for c in range(14):
         row[3 + c] = tensors[c] / volume
     # Σ F (x − L/2) over free discs: with the external tensor it makes up Love and Weber's (S1-19).
-    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = disc_sums(discs, work, rate)
+    parts = work.parts
+    for p in range(1, parts.shape[0]):
+        for c in range(9):
+            parts[0, c] += parts[p, c]
+    torque, kinetic, xx, xy, yy = parts[0, 0], parts[0, 1], parts[0, 2], parts[0, 3], parts[0, 4]
+    uxx, uxy, uyx, uyy = parts[0, 5], parts[0, 6], parts[0, 7], parts[0, 8]
     error = max(
         abs(tensors[5] - tensors[10] - uxx), abs(tensors[6] - tensors[11] - uxy),
         abs(tensors[7] - tensors[12] - uyx), abs(tensors[8] - tensors[13] - uyy),
@@ -383,6 +471,7 @@ def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row:
     row[21] = yy / volume
     row[22] = 2.0 * work.row[0] / discs.x.shape[0]
     row[23] = work.row[1] / max(work.row[0], 1.0)
+    meet(work.meeting, work.threads)
 
 
 @jit(_nrt=False)

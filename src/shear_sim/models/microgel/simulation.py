@@ -1,9 +1,10 @@
 """A microgel simulation: prepared once, then asked for its records."""
 
 import math
+from collections.abc import Callable
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVarTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from shear_sim.models.microgel.state import (
     NX,
     NY,
     OSCILLATION,
+    PART,
     ROW,
     RUNNING,
     SPRING,
@@ -41,13 +43,18 @@ from shear_sim.models.microgel.state import (
     column,
     listed,
     set_column,
+    shared_by,
+    with_room,
 )
 from shear_sim.protocol import OscillatoryShear, Shear, snapshot_rows
+from shear_sim.threads import new_meeting, together
 
 FloatArray = NDArray[np.float64]
+Rest = TypeVarTuple("Rest")
 
 SKIN = 0.6  # of the mean radius: neighbour lists reach this much beyond contact
 STEP_ENERGY = 0.5  # longest substep, of the stable one of springs alone: analysis/default_steps.py
+LEAST_DISCS = 256  # of a thread: with fewer, waiting for each other takes longer than the work
 CORE = 0.1  # distance over contact distance: who comes closer may pass through
 
 
@@ -144,6 +151,8 @@ def make_work(n: int) -> Work:
         return np.zeros(n)
 
     return Work(
+        thread=0, threads=1, meeting=new_meeting(), extremes=np.zeros((1, 8)),
+        parts=np.zeros((-(-n // PART), 9)), lists=np.zeros(6, np.int64),
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
@@ -280,6 +289,25 @@ def last_step(clock: Clock, shear: Shear) -> int:
     return -(-steps // clock.every) * clock.every
 
 
+def in_threads(
+    threads: int,
+    work: Work,
+    links: Pairs,
+    contacts: Pairs,
+    kernel: Callable[[Work, Pairs, Pairs], tuple[Pairs, *Rest]],
+) -> tuple[Pairs, *Rest]:
+    """Have threads share a kernel, as many as pay; return what it returns, contacts first."""
+    threads = max(1, min(threads, len(work.px) // LEAST_DISCS))
+    if threads == 1:
+        return kernel(work, links, contacts)
+    works = shared_by(work, threads)
+    links, contacts = with_room(links, threads), with_room(contacts, threads)
+    contacts, *rest = together(
+        threads, works[0].meeting, lambda t: kernel(works[t], links, contacts)
+    )
+    return with_room(contacts, 1), *rest
+
+
 class MicrogelSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
@@ -338,28 +366,33 @@ class MicrogelSimulation:
         steps = np.arange(self.rows) * clock.every - clock.begin
         return snapshot_rows(wanted, steps / unit, (clock.end - clock.begin) / unit)
 
-    def advance(self, rows: int) -> None:
+    def advance(self, rows: int, threads: int = 1) -> None:
         """Make the next records."""
         until = min(self.done + rows, self.rows)
         for row in [row for row in self._kept if self.done <= row < until]:
-            self._advance(row + 1)
+            self._advance(row + 1, threads)
             _, strain, rate = self._table[row, :3].tolist()
             snapshot = snapshots.take(
                 row, strain, rate, self.kernels, self.discs, self.work, self.links, self.contacts,
                 self.constants,
             )  # fmt: skip
             self.snapshots.append(snapshot)
-        self._advance(until)
+        self._advance(until, threads)
 
-    def _advance(self, until: int) -> None:
+    def _advance(self, until: int, threads: int) -> None:
         if until <= self.done:
             return
         first = (self.done - 1) * self.clock.every  # negative: the first record comes first
         last = (until - 1) * self.clock.every
-        self.contacts, filled, substeps, status = self.kernels.run(
-            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
-            first, last, self.point.integrator.scheme == "semi_implicit_euler",
-            self._table[self.done : until],
+        rows = self._table[self.done : until]
+        euler = self.point.integrator.scheme == "semi_implicit_euler"
+        self.contacts, filled, substeps, status = in_threads(
+            1 if self.point.record.energy else threads,  # the balance is summed pair by pair
+            self.work, self.links, self.contacts,
+            lambda work, links, contacts: self.kernels.run(
+                self.discs, work, links, contacts, self.constants, self.clock, first, last, euler,
+                rows,
+            ),
         )  # fmt: skip
         self.done += filled
         self.substeps += substeps

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.models.microgel.laws import LawParameters
+from shear_sim.threads import Meeting, new_meeting
 
 Unsigned = NDArray[np.uint32]  # an index that cannot be negative costs no test of its sign
 
@@ -46,8 +47,18 @@ class Discs(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Forces and predictions of the current instant; arrays of shape (N,) unless said."""
+    """Forces and predictions of the current instant; arrays of shape (N,) unless said.
 
+    Threads that share a simulation have a Work each, see `shared_by`: the arrays are the same but
+    for ``block``.
+    """
+
+    thread: int  # number of this one
+    threads: int
+    meeting: Meeting  # where they wait for each other
+    extremes: Floats  # (threads, 8) largest and smallest numbers that each has found
+    parts: Floats  # (⌈N/PART⌉, 9) sums over parts of the discs
+    lists: NDArray[np.int64]  # (6,) where the list of contacts lies, for threads but the first
     px: Floats  # predicted peculiar velocity and spin: what velocity-dependent forces see
     py: Floats
     pspin: Floats
@@ -94,6 +105,7 @@ class Pairs(NamedTuple):
     i: Unsigned  # (P,)
     j: Unsigned
     table: Floats  # (⌈P/LANES⌉, PAIR_ROWS · LANES)
+    shared: Floats  # (⌈P/LANES⌉, SHARED) what follows from a block; no rows where one thread runs
 
 
 class PairState(NamedTuple):
@@ -118,8 +130,27 @@ LANES = 64  # pairs in a block
     NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE,
 ) = range(0, 10 * LANES, LANES)  # fmt: skip
 PAIR_ROWS = 10
-BLOCK_ROWS = 19
+BLOCK_ROWS = 20
+SHARED = (
+    3 * LANES + 18
+)  # columns of Pairs.shared: forces, torques; sums of a record; discs from, to
+PART = 4096  # discs whose numbers are summed together: the same sums for any number of threads
 NEAR = 4  # distances by which listed contacts are told apart
+
+
+def shared_by(work: Work, threads: int) -> list[Work]:
+    """Return the Work of each of the threads that are to share a simulation."""
+    every = work._replace(
+        threads=threads, meeting=new_meeting(), extremes=np.zeros((threads, 8)),
+        lists=np.zeros(6, np.int64),
+    )  # fmt: skip
+    return [every._replace(thread=t, block=np.zeros_like(work.block)) for t in range(threads)]
+
+
+def with_room(pairs: Pairs, threads: int) -> Pairs:
+    """Return the same pairs with the room that so many threads need, or with none for one."""
+    rows = len(pairs.table) if threads > 1 else 0
+    return pairs._replace(shared=np.zeros((rows, SHARED)))
 
 
 def listed(pairs: Pairs) -> PairState:

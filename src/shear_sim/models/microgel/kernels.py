@@ -394,7 +394,7 @@ def tally_pairs(work: Work, table: Floats, m: int, springs: Springs, constants: 
 
 
 @jit(_nrt=False)
-def share_blocks(
+def block_forces(
     work: Work,
     pairs: Pairs,
     springs: Springs,
@@ -404,48 +404,63 @@ def share_blocks(
     rate: float,
     h: float,
     record: bool,
-    elsewhere: float,
 ) -> None:
-    """Work out this thread's share of the blocks, and keep in ``pairs.shared`` what follows.
+    """Work out this thread's share of ``count`` pairs and add up what follows from each block.
 
-    That is, of each block: forces and torques of its pairs, what it adds to the sums of a record,
-    and the lowest and highest of its discs. Pairs lie in the order of their discs, but for each
-    distance anew (`renew_contacts`): a thread has its share of each distance, so that most discs
-    that it meets are its own.
+    With several threads that is kept in ``pairs.shared`` for `collect`: forces and torques of the
+    pairs, what they add to the sums of a record, the lowest and highest of their discs. Pairs lie
+    in the order of their discs, but for each distance anew (`renew_contacts`): a thread has its
+    share of each distance, so that most discs that it meets are its own.
     """
-    block = work.block
-    i, j = pairs.i, pairs.j
+    block, i, j = work.block, pairs.i, pairs.j
+    elsewhere = 0.1 * min(constants.width, constants.height)
     begin = 0
     for group in range(NEAR):
+        # Links, which alone have a reach, are of one distance.
         end = count if springs.reach > 0.0 else min(np.int64(work.near[1 + group]), count)
-        blocks = (end + LANES - 1) // LANES - begin
-        mine_from = begin + blocks * work.thread // work.threads
-        mine_to = begin + blocks * (work.thread + 1) // work.threads
+        blocks = max(0, (end + LANES - 1) // LANES - begin)
+        from_row = begin + blocks * work.thread // work.threads
+        to_row = begin + blocks * (work.thread + 1) // work.threads
         begin += blocks
-        for row in range(mine_from, mine_to):
+        for row in range(from_row, to_row):
             first = row * LANES
-            m = min(LANES, count - first)
-            table, shared = pairs.table[row], pairs.shared[row]
+            m = int(min(LANES, count - first))
+            table = pairs.table[row]
             fetch(pairs.table, row + 1, 0)
             gather(work.rows, i, j, first, m, block)
             fetch(pairs.table, row + 1, 1)
             pair_forces(block, table, m, springs, constants, offset, rate, h)
             fetch(pairs.table, row + 1, 2)
-            for s in range(3 * LANES):  # FX, FY and TWIST follow each other
-                shared[s] = block[FX + s]
-            lowest, highest = np.uint32(i[first]), np.uint32(j[first])
-            for s in range(first, first + m):
-                lowest = min(lowest, np.uint32(i[s]))
-                highest = max(highest, np.uint32(j[s]))  # i < j
-            shared[LOWEST], shared[HIGHEST] = lowest, highest
-            fetch(pairs.table, row + 1, 3)
             if record:
-                stress_of(block, table, m, elsewhere, shared, SUMS)
+                stress_of(block, table, m, elsewhere, block, TOTALS)
+            if work.threads == 1:
+                scatter(work.sums, i, j, first, m, block, FX)
+                if record:
+                    add_sums(work, block, TOTALS)
+                if TALLY:
+                    tally_pairs(work, table, m, springs, constants)
+            else:
+                keep_block(block, i, j, first, m, pairs.shared[row])
+            fetch(pairs.table, row + 1, 3)
+
+
+@jit(_nrt=False)
+def keep_block(block: Floats, i: Unsigned, j: Unsigned, first: int, m: int, shared: Floats) -> None:
+    """Write what follows from a block to its row of ``Pairs.shared``."""
+    for s in range(3 * LANES):  # FX, FY and TWIST follow each other
+        shared[s] = block[FX + s]
+    for s in range(16):
+        shared[SUMS + s] = block[TOTALS + s]
+    lowest, highest = i[np.uint64(first)], j[np.uint64(first)]
+    for s in range(m):
+        lowest = min(lowest, i[np.uint64(first + s)])
+        highest = max(highest, j[np.uint64(first + s)])  # i < j
+    shared[LOWEST], shared[HIGHEST] = lowest, highest
 
 
 @jit(_nrt=False)
 def collect(work: Work, pairs: Pairs, count: int, record: bool) -> None:
-    """Add up what `share_blocks` has kept, for this thread's discs in the order of the list.
+    """Add up what `block_forces` has kept, for this thread's discs in the order of the list.
 
     So every disc's sum is made as one thread would have made it, to the bit.
     """
@@ -518,28 +533,9 @@ def contact_forces(
         c.link_etat if c.stretched_dashpot else 0.0, free, free, free,
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
-    elsewhere = 0.1 * min(c.width, c.height)
-    for pairs, springs in ((links, link), (contacts, contact)):
-        count = np.int64(pairs.i.shape[0] if springs.reach > 0.0 else work.near[0])
-        if work.threads > 1:
-            share_blocks(work, pairs, springs, c, count, offset, rate, h, record, elsewhere)
-            continue
-        for first in range(0, count, LANES):
-            m = int(min(LANES, count - first))
-            row = first // LANES
-            table = pairs.table[row]
-            fetch(pairs.table, row + 1, 0)
-            gather(work.rows, pairs.i, pairs.j, first, m, block)
-            fetch(pairs.table, row + 1, 1)
-            pair_forces(block, table, m, springs, c, offset, rate, h)
-            fetch(pairs.table, row + 1, 2)
-            scatter(work.sums, pairs.i, pairs.j, first, m, block, FX)
-            fetch(pairs.table, row + 1, 3)
-            if record:
-                stress_of(block, table, m, elsewhere, block, TOTALS)
-                add_sums(work, block, TOTALS)
-            if TALLY:
-                tally_pairs(work, table, m, springs, c)
+    linked, near = np.int64(links.i.shape[0]), np.int64(work.near[0])
+    for pairs, springs, count in ((links, link, linked), (contacts, contact, near)):
+        block_forces(work, pairs, springs, c, count, offset, rate, h, record)
     # Of each lane over all blocks; now of all lanes.
     closest, longest, closing = bits(1.0), bits(1.0), bits(0.0)
     for s in range(LANES):
@@ -556,8 +552,8 @@ def contact_forces(
             closest = min(closest, bits(found[CLOSEST_OF]))
             longest = max(longest, bits(found[LONGEST_OF]))
             closing = max(closing, bits(found[CLOSING_OF]))
-        collect(work, links, np.int64(links.i.shape[0]), record)
-        collect(work, contacts, np.int64(work.near[0]), record)
+        for pairs, count in ((links, linked), (contacts, near)):
+            collect(work, pairs, count, record)
     work.closest[0], work.closest[1] = number(closest), number(longest)
     work.closest[2] = number(closing)
     work.closest[3] = min(work.closest[3], work.closest[0])

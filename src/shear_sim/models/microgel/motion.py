@@ -151,7 +151,8 @@ def find_in(start: Ints, j: Ints, nx: Ints, ny: Ints, pairs: Pairs, q: int) -> i
 @jit(_nrt=False)
 def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
     """Rename the images of pairs after a re-gridding by ``turns`` and the return of discs."""
-    for q in range(pairs.i.shape[0]):
+    first, last = part(pairs.i.shape[0], work.thread, work.threads)
+    for q in range(np.int64(first), np.int64(last)):
         table, lane = pairs.table[q // LANES], q % LANES
         i, j = pairs.i[q], pairs.j[q]
         ny = table[NY + lane]
@@ -160,73 +161,69 @@ def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
 
 
 @jit
+def bring_back(discs: Discs, work: Work, constants: Constants, strain: float) -> None:
+    """Bring all discs back into the cell and remember where they are; in one thread."""
+    x, y, width, height = discs.x, discs.y, constants.width, constants.height
+    if constants.periodic:
+        turns = turns_of(strain, width, height)
+        offset = strain * height - turns * width
+        wrap_count(x, y, width, height, offset, work.wx, work.wy)
+        for a in range(x.shape[0]):
+            x[a] -= work.wx[a] * width + work.wy[a] * offset
+            y[a] -= work.wy[a] * height
+        work.turns[1] = turns - work.turns[0]
+        work.turns[0] = turns
+    work.x0[:] = x
+    work.y0[:] = y
+    work.strain0[0] = strain
+    work.largest[0] = discs.radius.max()
+
+
+@jit
+def find_all(
+    discs: Discs, constants: Constants, offset: float
+) -> tuple[Ints, Ints, Ints, Ints, Ints]:
+    """Return what `find_pairs` finds in the cell, or in one so large that no image is near."""
+    x, y, radius, skin = discs.x, discs.y, discs.radius, constants.skin
+    if constants.periodic:
+        return find_pairs(x, y, radius, skin, constants.width, constants.height, offset)
+    left, low = x.min(), y.min()
+    reach = 2.0 * (2.0 * radius.max() + skin)
+    return find_pairs(
+        x - left, y - low, radius, skin, x.max() - left + reach, y.max() - low + reach, 0.0,
+    )  # fmt: skip
+
+
+@jit
 def renew_contacts(
     discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
 ) -> Pairs:
     """Bring discs back into the cell and return a new list of contacts that keeps their springs.
 
-    The first thread makes it, and the others get to know where it lies.
+    It is ordered by how far discs must move to touch, ``work.near`` of them for each distance, and
+    by discs. Threads find all pairs each for itself, and do the rest for the pairs of their discs.
     """
-    if work.threads == 1:
-        return new_contacts(discs, work, links, contacts, constants, strain)
     meet(work.meeting, work.threads)  # nobody needs the discs where they are any more
     if work.thread == 0:
-        new = new_contacts(discs, work, links, contacts, constants, strain)
-        blocks = new.table.shape[0]
-        new = Pairs(new.i, new.j, new.table, np.empty((blocks, SHARED)))
-        lists = work.lists
-        lists[0], lists[1], lists[2] = new.i.ctypes.data, new.j.ctypes.data, new.table.ctypes.data
-        lists[3], lists[4], lists[5] = new.shared.ctypes.data, new.i.shape[0], blocks
-        meet(work.meeting, work.threads)
-        return new
+        bring_back(discs, work, constants, strain)
     meet(work.meeting, work.threads)
-    at_i, at_j, at_table, at_shared, n, blocks = work.lists
-    return Pairs(
-        carray(address(at_i), (n,), np.uint32), carray(address(at_j), (n,), np.uint32),
-        carray(address(at_table), (blocks, PAIR_ROWS * LANES), np.float64),
-        carray(address(at_shared), (blocks, SHARED), np.float64),
-    )  # fmt: skip
-
-
-@jit
-def new_contacts(
-    discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
-) -> Pairs:
-    """Do what `renew_contacts` says, in one thread."""
-    n = discs.x.shape[0]
     x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
     width, height, skin = constants.width, constants.height, constants.skin
     offset = 0.0
     if constants.periodic:
-        turns = turns_of(strain, width, height)
-        offset = strain * height - turns * width
-        wrap_count(x, y, width, height, offset, work.wx, work.wy)
-        for a in range(n):
-            x[a] -= work.wx[a] * width + work.wy[a] * offset
-            y[a] -= work.wy[a] * height
-        change = turns - work.turns[0]
-        work.turns[0] = turns
-        shift_images(links, work, change)
-        shift_images(contacts, work, change)
-        start, i, j, nx, ny = find_pairs(x, y, radius, skin, width, height, offset)
-    else:
-        # A cell so large that no image is near anybody.
-        left, low = x.min(), y.min()
-        reach = 2.0 * (2.0 * radius.max() + skin)
-        start, i, j, nx, ny = find_pairs(
-            x - left, y - low, radius, skin, x.max() - left + reach, y.max() - low + reach, 0.0,
-        )  # fmt: skip
-    work.x0[:] = x
-    work.y0[:] = y
-    work.strain0[0] = strain
-    work.largest[0] = radius.max()
+        offset = strain * height - work.turns[0] * width
+        shift_images(links, work, work.turns[1])
+        shift_images(contacts, work, work.turns[1])
+    start, i, j, nx, ny = find_all(discs, constants, offset)
+    meet(work.meeting, work.threads)
+    first, last = mine(work)
+    begin, end = start[first], start[last]
 
     # Linked pairs are not contacts too (through another image they may be), nor are glued discs.
-    # The rest keep their history; ``source`` is the old number of each new pair, or −1. They are
-    # ordered by how far the discs must move to touch, ``near`` of them for each distance.
+    # The rest keep their history; ``source`` is the old number of each new pair, or −1.
     source = np.full(i.shape[0], -1, np.int32)
     group = np.empty(i.shape[0], np.int32)
-    for c in range(i.shape[0]):
+    for c in range(begin, end):
         dx = x[j[c]] - x[i[c]] + (nx[c] * width + ny[c] * offset)
         dy = y[j[c]] - y[i[c]] + ny[c] * height
         gap = np.sqrt(dx * dx + dy * dy) - (radius[i[c]] + radius[j[c]])
@@ -234,27 +231,37 @@ def new_contacts(
         if plate[i[c]] != 0.0 and plate[j[c]] != 0.0:
             group[c] = NEAR
     for q in range(links.i.shape[0]):
-        table, lane = links.table[q // LANES], q % LANES
-        table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
-        table[PER_SUM + lane] = 1.0 / table[SUM + lane]
-        c = find_in(start, j, nx, ny, links, q)
-        if c >= 0:
-            group[c] = NEAR
+        if first <= links.i[q] < last:
+            table, lane = links.table[q // LANES], q % LANES
+            table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
+            table[PER_SUM + lane] = 1.0 / table[SUM + lane]
+            c = find_in(start, j, nx, ny, links, q)
+            if c >= 0:
+                group[c] = NEAR
     for q in range(contacts.i.shape[0]):
-        if contacts.table[q // LANES, STATE + q % LANES] != OPEN:
+        acts = contacts.table[q // LANES, STATE + q % LANES] != OPEN
+        if acts and first <= contacts.i[q] < last:
             c = find_in(start, j, nx, ny, contacts, q)
             if c >= 0:
                 source[c] = q
-    near = work.near
-    near[:] = 0
-    for c in range(i.shape[0]):
-        if group[c] < NEAR:
-            near[1 + group[c]] += 1
+    counts = work.counts
     for g in range(NEAR):
-        near[g + 1] += near[g]
-    fill = near.copy()
-    new = empty_pairs(near[NEAR])
-    for c in range(i.shape[0]):
+        counts[work.thread, g] = 0
+    for c in range(begin, end):
+        if group[c] < NEAR:
+            counts[work.thread, group[c]] += 1
+    meet(work.meeting, work.threads)
+    fill = np.zeros(NEAR, np.int64)
+    total = 0
+    for g in range(NEAR):
+        for thread in range(work.threads):
+            if thread == work.thread:
+                fill[g] = total
+            total += counts[thread, g]
+        if work.thread == 0:
+            work.near[1 + g] = total
+    new = new_list(work, total)
+    for c in range(begin, end):
         if group[c] == NEAR:
             continue
         q = fill[group[c]]
@@ -268,7 +275,43 @@ def new_contacts(
         table[NX + lane], table[NY + lane] = nx[c], ny[c]
         table[SUM + lane] = radius[i[c]] + radius[j[c]]
         table[PER_SUM + lane] = 1.0 / (radius[i[c]] + radius[j[c]])
-    near[0] = near[1]
+    if work.thread == 0:
+        work.near[0] = work.near[1]
+    meet(work.meeting, work.threads)
+    return new
+
+
+@jit
+def new_list(work: Work, n: int) -> Pairs:
+    """Return ``n`` pairs without discs and history, the same arrays in all threads.
+
+    They belong to the first thread; the others get to know where they lie.
+    """
+    if work.threads == 1:
+        return empty_pairs(n)
+    blocks = (n + LANES - 1) // LANES
+    lists = work.lists
+    if work.thread == 0:
+        new = Pairs(
+            np.empty(n, np.uint32), np.empty(n, np.uint32),
+            np.empty((blocks, PAIR_ROWS * LANES)), np.empty((blocks, SHARED)),
+        )  # fmt: skip
+        lists[0], lists[1] = new.i.ctypes.data, new.j.ctypes.data
+        lists[2], lists[3] = new.table.ctypes.data, new.shared.ctypes.data
+        meet(work.meeting, work.threads)
+    else:
+        meet(work.meeting, work.threads)
+        new = Pairs(
+            carray(address(lists[0]), (n,), np.uint32), carray(address(lists[1]), (n,), np.uint32),
+            carray(address(lists[2]), (blocks, PAIR_ROWS * LANES), np.float64),
+            carray(address(lists[3]), (blocks, SHARED), np.float64),
+        )  # fmt: skip
+    for row in range(
+        blocks * work.thread // work.threads, blocks * (work.thread + 1) // work.threads
+    ):
+        for c in range(PAIR_ROWS * LANES):
+            new.table[row, c] = 0.0
+    meet(work.meeting, work.threads)
     return new
 
 

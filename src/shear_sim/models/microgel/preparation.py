@@ -80,6 +80,7 @@ class MicrogelRun:
     """
 
     simulation: MicrogelSimulation  # once it is prepared
+    threads = 1
 
     def __init__(self, point: MicrogelPoint, streams: Streams) -> None:
         self.point = point
@@ -98,11 +99,12 @@ class MicrogelRun:
         """Number of records made so far."""
         return 0 if self.preparation else self.simulation.done
 
-    def advance(self, rows: int, threads: int = 1) -> None:
+    def advance(self, rows: int) -> None:
         """Make the next records, or as many steps of the preparation as they take."""
         if self.preparation is None:
-            self.simulation.advance(rows, threads)
-        elif start := self.preparation.advance(rows * self.point.record.every, threads):
+            self.simulation.threads = self.threads
+            self.simulation.advance(rows)
+        elif start := self.preparation.advance(rows * self.point.record.every, self.threads):
             self.simulation = _prepared(self.point, start)
             self.preparation = None
 

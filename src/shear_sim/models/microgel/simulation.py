@@ -152,7 +152,8 @@ def make_work(n: int) -> Work:
 
     return Work(
         thread=0, threads=1, meeting=new_meeting(), extremes=np.zeros((1, 8)),
-        parts=np.zeros((-(-n // PART), 9)), lists=np.zeros(6, np.int64),
+        parts=np.zeros((-(-n // PART), 9)), counts=np.zeros((1, NEAR), np.int64),
+        lists=np.zeros(4, np.int64),
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
@@ -160,7 +161,7 @@ def make_work(n: int) -> Work:
         rows=aligned(n, 8), sums=aligned(n, 4),
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
-        strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
+        strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(2, np.int32),
         near=np.zeros(NEAR + 1, np.int32),
         block=np.zeros(BLOCK_ROWS * LANES),
         closest=np.array([1.0, 1.0, 0.0, 1.0]), stopped=np.zeros(2),
@@ -311,6 +312,8 @@ def in_threads(
 class MicrogelSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
+    threads = 1
+
     def __init__(
         self,
         point: MicrogelPoint,
@@ -366,20 +369,20 @@ class MicrogelSimulation:
         steps = np.arange(self.rows) * clock.every - clock.begin
         return snapshot_rows(wanted, steps / unit, (clock.end - clock.begin) / unit)
 
-    def advance(self, rows: int, threads: int = 1) -> None:
+    def advance(self, rows: int) -> None:
         """Make the next records."""
         until = min(self.done + rows, self.rows)
         for row in [row for row in self._kept if self.done <= row < until]:
-            self._advance(row + 1, threads)
+            self._advance(row + 1)
             _, strain, rate = self._table[row, :3].tolist()
             snapshot = snapshots.take(
                 row, strain, rate, self.kernels, self.discs, self.work, self.links, self.contacts,
                 self.constants,
             )  # fmt: skip
             self.snapshots.append(snapshot)
-        self._advance(until, threads)
+        self._advance(until)
 
-    def _advance(self, until: int, threads: int) -> None:
+    def _advance(self, until: int) -> None:
         if until <= self.done:
             return
         first = (self.done - 1) * self.clock.every  # negative: the first record comes first
@@ -387,7 +390,7 @@ class MicrogelSimulation:
         rows = self._table[self.done : until]
         euler = self.point.integrator.scheme == "semi_implicit_euler"
         self.contacts, filled, substeps, status = in_threads(
-            1 if self.point.record.energy else threads,  # the balance is summed pair by pair
+            1 if self.point.record.energy else self.threads,  # the balance is summed pair by pair
             self.work, self.links, self.contacts,
             lambda work, links, contacts: self.kernels.run(
                 self.discs, work, links, contacts, self.constants, self.clock, first, last, euler,

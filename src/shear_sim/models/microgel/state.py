@@ -58,7 +58,8 @@ class Work(NamedTuple):
     meeting: Meeting  # where they wait for each other
     extremes: Floats  # (threads, 8) largest and smallest numbers that each has found
     parts: Floats  # (⌈N/PART⌉, 9) sums over parts of the discs
-    lists: NDArray[np.int64]  # (6,) where the list of contacts lies, for threads but the first
+    counts: NDArray[np.int64]  # (threads, NEAR) pairs of each distance that each has found
+    lists: NDArray[np.int64]  # (4,) where the list of contacts lies, for threads but the first
     px: Floats  # predicted peculiar velocity and spin: what velocity-dependent forces see
     py: Floats
     pspin: Floats
@@ -81,7 +82,7 @@ class Work(NamedTuple):
     ly: Floats
     strain0: Floats  # (1,) strain when the contact list was made
     largest: Floats  # (1,) largest radius [m]
-    turns: Ints  # (1,) whole widths by which the cell is re-gridded
+    turns: Ints  # (2,) whole widths by which the cell is re-gridded, and more than before
     near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
     block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
     closest: Floats  # (4,) smallest d/D, largest of a link, largest |d'|/d; smallest d/D so far
@@ -142,7 +143,7 @@ def shared_by(work: Work, threads: int) -> list[Work]:
     """Return the Work of each of the threads that are to share a simulation."""
     every = work._replace(
         threads=threads, meeting=new_meeting(), extremes=np.zeros((threads, 8)),
-        lists=np.zeros(6, np.int64),
+        counts=np.zeros((threads, NEAR), np.int64), lists=np.zeros(4, np.int64),
     )  # fmt: skip
     return [every._replace(thread=t, block=np.zeros_like(work.block)) for t in range(threads)]
 

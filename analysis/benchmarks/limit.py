@@ -3,8 +3,8 @@
 .venv/bin/python analysis/benchmarks/limit.py
 
 Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and the rows of
-numbers that are read, transposed and written where pairs meet discs. Per disc: every array once through memory. Counts
-are those of our method; another method has others.
+numbers that are read, transposed and written where pairs meet discs. Per disc: every array once
+through memory. Counts are those of our method; another method has others.
 """
 
 import argparse

@@ -4,7 +4,7 @@ Nothing here knows the contact law; :mod:`kernels` does. Equation numbers are th
 """
 
 import numpy as np
-from numba import carray
+from numba.np.numpy_support import carray
 
 from shear_sim.cell import Floats, Ints, turns_of, wrap_count
 from shear_sim.compiled import jit

@@ -303,10 +303,8 @@ def in_threads(
         return kernel(work, links, contacts)
     works = shared_by(work, threads)
     links, contacts = with_room(links, threads), with_room(contacts, threads)
-    contacts, *rest = together(
-        threads, works[0].meeting, lambda t: kernel(works[t], links, contacts)
-    )
-    return with_room(contacts, 1), *rest
+    result = together(threads, works[0].meeting, lambda t: kernel(works[t], links, contacts))
+    return with_room(result[0], 1), *result[1:]
 
 
 class MicrogelSimulation:

@@ -2,8 +2,9 @@
 
 .venv/bin/python analysis/gallery.py
 
-runs one job of each scene with snapshots (results/gallery, 4 minutes of one core) and draws it into
-analysis/figures. Each can be drawn larger, with its curves, by `shear-sim render`.
+runs one job of each scene with snapshots (results/gallery) and draws it into analysis/figures.
+Boxes of soft particles are smaller than in their study, which takes minutes of each. Every job can
+be drawn larger, with its curves, or as a film, by `shear-sim render`.
 """
 
 import argparse
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shear_sim.figures import style
-from shear_sim.figures.scene import Scene
+from shear_sim.figures.scene import Scene, view
 from shear_sim.render import Kept, read_kept
 from shear_sim.results import Results
 from shear_sim.runner import run_job
@@ -21,10 +22,23 @@ from shear_sim.study import Job, StudyPoint, load_study
 from shear_sim.workers import compile_for
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-STUDIES = ("main", "hard_disc", "hard_disc/snapshots", "soft_particle_ring")
+STUDIES = (
+    "main",
+    "hard_disc",
+    "hard_disc/snapshots",
+    "soft_particle_ring",
+    "soft_particle_compaction",
+)
 SIDE = 1.75  # inches
-# Snapshots in a unit of the protocol; of those, the last one is drawn unless said below.
-OFTEN = {"oscillatory": 20, "steady": 100, "compression": 1000, "diametral_compression": 40}
+BOX = 120  # soft particles, of the 500
+#: Snapshots in a unit of the protocol, where a study says nothing.
+OFTEN = {
+    "oscillatory": 20,
+    "steady": 100,
+    "compression": 1000,
+    "diametral_compression": 40,
+    "compaction": 100,
+}
 #: What else is known of some scenes: colours, lines, and the point of the study that is taken.
 LOOKS: dict[str, dict[str, Any]] = {
     "microgel_crosslinked": {"point": {"shear.strain_amplitude": 0.5, "model.friction": 0.01}},
@@ -37,7 +51,9 @@ LOOKS: dict[str, dict[str, Any]] = {
     },
     "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
     "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
-    "hard_disc_self_propelled": {"contacts": "none"},
+    "hard_disc_self_propelled": {"colour": "speed", "contacts": "none"},
+    "hard_disc_inclined_plane": {"colour": "speed"},
+    "hard_disc_hopper": {"colour": "speed"},
 }  # fmt: skip
 
 
@@ -53,8 +69,11 @@ def job_of(points: list[StudyPoint], wanted: dict[str, Any], seed: int) -> Job:
     """Return the job of the point that is wanted, or of the first one, with snapshots."""
     fitting = [p for p in points if all(value(p, key) == v for key, v in wanted.items())]
     point: Any = fitting[0].point
-    record = point.record.model_copy(update={"snapshots": OFTEN.get(point.shear.kind, 1)})
-    return Job.create(point.model_copy(update={"record": record}), seed, 0)
+    often = point.record.snapshots or OFTEN[point.shear.kind]
+    changed = {"record": point.record.model_copy(update={"snapshots": often})}
+    if point.shear.kind == "compaction":
+        changed["packing"] = point.packing.model_copy(update={"particles": BOX})
+    return Job.create(point.model_copy(update=changed), seed, 0)
 
 
 def shown(kept: Kept) -> int:
@@ -62,7 +81,7 @@ def shown(kept: Kept) -> int:
     columns = kept.table.columns
     kind = kept.table.summary["protocol"]["kind"]
     rows = [snapshot.row for snapshot in kept.snapshots]
-    if kind == "oscillatory":
+    if kind in {"oscillatory", "compaction"}:
         return int(np.abs(columns["strain"][rows]).argmax())
     if kind == "diametral_compression":
         return int(columns["compression"][rows].argmax())
@@ -71,12 +90,14 @@ def shown(kept: Kept) -> int:
 
 def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
     """Draw particles alone, small."""
-    shape = kept.snapshots[0].height / kept.snapshots[0].width
-    with style.figure(SIDE, SIDE * shape) as figure:
+    number = shown(kept)
+    snapshots = kept.snapshots[number : number + 1]
+    *_, width, height = view(snapshots)
+    with style.figure(SIDE, SIDE * height / width) as figure:
         figure.set_layout_engine("none")
         axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
-        scene.show(shown(kept))
+        scene = Scene(axis, snapshots, kept.strain[number : number + 1], colour, contacts)
+        scene.show(0)
         style.save_as(figure, path)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB, of {kept.path}")
 

@@ -27,6 +27,7 @@ from shear_sim.runner import run_job
 from shear_sim.statistics import RESAMPLES, holm
 from shear_sim.study import load_study
 from shear_sim.summary import _effect, _three_digits, print_summary
+from shear_sim.tables import TableError
 
 STUDY = """
 model: {kind: kelvin_voigt, noise: 2.0}
@@ -157,6 +158,14 @@ def test_parquet_carries_units_and_reads_back(whole, tables):
         again = load(whole.tables / f"{name}.parquet")
         pd.testing.assert_frame_equal(again, table, check_dtype=False)
         assert again.attrs["units"] == table.attrs["units"]
+
+
+@pytest.mark.parametrize("content", [None, b"PAR1"])
+def test_a_damaged_table_says_what_to_do(tmp_path, content):
+    if content is not None:
+        (tmp_path / "curves.parquet").write_bytes(content)
+    with pytest.raises(TableError, match="`shear-sim aggregate RESULTS` makes it again"):
+        load(tmp_path / "curves.parquet")
 
 
 def test_numbers_have_a_unit_and_words_have_none(tables):

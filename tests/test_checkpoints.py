@@ -1,17 +1,21 @@
 """A job that is stopped goes on from its checkpoint, to the same bits."""
 
+import hashlib
 import pickle
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from tools import write_study
 
-from shear_sim import models, runner
+from shear_sim import checkpoints, models, runner
 from shear_sim.checkpoints import Progress, read_checkpoint, write_checkpoint
 from shear_sim.compiled import build_key
 from shear_sim.models.interface import SimulationError
+from shear_sim.results import Results
 from shear_sim.runner import Stopped, run_job
 from shear_sim.single import differences
-from shear_sim.study import Job
+from shear_sim.study import Job, load_study
 from shear_sim.tables import read_table
 from shear_sim.workers import attempt
 
@@ -146,7 +150,17 @@ def test_a_job_that_begins_anew_is_no_further(tmp_path, monkeypatch):
     assert [ending.anew for ending in said] == [False, False, True, True, False]
 
 
-@pytest.mark.parametrize("damage", ["truncated", "a bit", "other code", "nothing"])
+class Unreadable:
+    """What raises an error of its own kind where it is read."""
+
+    def __reduce__(self):
+        return divmod, (1, 0)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["truncated", "a bit", "other code", "pydantic", "no pickle", "no class", "error", "nothing"],
+)
 def test_only_a_whole_checkpoint_of_this_code_is_taken_up(damage, tmp_path, monkeypatch, capfd):
     job, jobs = make_job(), folder(tmp_path, "study")
     monkeypatch.setattr(runner, "FIRST_BLOCK", 100)
@@ -160,6 +174,17 @@ def test_only_a_whole_checkpoint_of_this_code_is_taken_up(damage, tmp_path, monk
         content[len(content) // 2] ^= 4
     elif damage == "other code":
         monkeypatch.setattr("shear_sim.checkpoints.build_key", lambda: build_key()[::-1])
+    elif damage == "pydantic":
+        versions = {damage: "1.0", "scipy": version("scipy")}
+        monkeypatch.setattr("shear_sim.checkpoints.version", versions.get)
+    elif damage != "nothing":
+        pickles = {
+            "no pickle": b"",
+            "no class": b"cshear_sim.nowhere\nNothing\n.",
+            "error": pickle.dumps(Unreadable()),
+        }
+        data = checkpoints._header(checkpoint) + pickles[damage]
+        content = hashlib.sha256(data).digest() + data
     checkpoint.write_bytes(content)
     run = read_table(run_job(job, jobs)).summary["run"]
     said = capfd.readouterr().err
@@ -190,6 +215,20 @@ def test_a_folder_in_the_place_of_a_checkpoint_says_what_to_do(tmp_path):
     (jobs.parent / f"checkpoints/{job.id}.pickle").mkdir(parents=True)
     with pytest.raises(IsADirectoryError, match=rf"move it away.*{job.id}.pickle"):
         run_job(job, jobs)
+
+
+def test_a_folder_in_the_place_of_a_checkpoint_of_a_finished_job_does_no_harm(tmp_path):
+    study = load_study(write_study(tmp_path, replicates=1))
+    results = Results(tmp_path / "results/study")
+    results.prepare(study)
+    one, other, _ = study.jobs()
+    for job in (one, other):
+        results.job_file(job.id).touch()
+    in_the_way = results.checkpoints / f"{one.id}.pickle"
+    in_the_way.mkdir()
+    (results.checkpoints / f"{other.id}.pickle").touch()
+    results.prepare(study)
+    assert list(results.checkpoints.iterdir()) == [in_the_way]
 
 
 def test_a_job_that_fails_by_physics_leaves_no_checkpoint(tmp_path, monkeypatch):

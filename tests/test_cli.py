@@ -11,7 +11,7 @@ import pytest
 from tools import run, write_study
 from typer.testing import CliRunner
 
-from shear_sim import cli
+from shear_sim import cli, status
 from shear_sim.results import Results
 from shear_sim.tables import read_arrow, read_summary, write_arrow
 
@@ -53,6 +53,11 @@ def test_every_command_explains_itself_with_an_example():
         shown = runner.invoke(cli.app, [name, "--help"])
         assert shown.exit_code == 0
         assert f"shear-sim {name} " in shown.output
+
+
+def test_the_list_of_commands_is_not_cut_short():
+    shown = CliRunner().invoke(cli.app, ["--help"], terminal_width=80).output
+    assert "..." not in shown.partition("Commands:")[2]
 
 
 def test_the_limit_says_what_exit_code_0_means_then():
@@ -137,9 +142,19 @@ def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path)
         ended, output = run(env, command, *study)
         assert ended == code, output
         assert "warning: 3 damaged result file(s) left out" in output
-        assert "see `shear-sim verify`" in output
+        assert f"`shear-sim verify {results.folder} --remove` sets them aside, then" in output
         assert "3 done" in output or "3 of 6 jobs done" in output
     assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
+
+
+def test_a_damaged_result_is_said_once(swept, tmp_path):
+    folder, env, _ = swept
+    results = Results(tmp_path / "study")
+    shutil.copytree(folder / "results/study", results.folder)
+    path = results.job_file(min(results.finished()))
+    path.write_bytes(path.read_bytes()[:-5])
+    code, output = run(env, "report", results.folder)
+    assert (code, output.count("damaged result")) == (0, 1), output
 
 
 def test_show_a_result_and_a_failure(swept):
@@ -156,6 +171,34 @@ def test_show_a_result_and_a_failure(swept):
     code, output = run(env, "show", failed, *root)
     assert code == 0
     assert "the spring broke" in output
+
+
+def test_the_jobs_of_a_study_are_listed_with_what_varies(swept, tmp_path):
+    folder, env, _ = swept
+    results = folder / "results/study"
+    code, output = run(env, "show", results)
+    assert code == 0
+    names, *rows = [line.split() for line in output.splitlines()]
+    assert names == ["job", "scene", "model.fault", "shear.strain_amplitude", "replicate", "state"]
+    assert [row[1:] for row in rows] == [
+        ["base", fault, amplitude, "0", "done" if fault == "none" else "failed"]
+        for fault in ("none", "physics") for amplitude in ("0.01", "0.1", "1")
+    ]  # fmt: skip
+    listed = json.loads(run(env, "show", results, "--json")[1])
+    assert [job["job"] for job in listed] == [row[0] for row in rows]
+    assert {job["state"] for job in listed} == {"done", "failed"}
+    run(env, "sweep", folder / "study.yaml", "--results", tmp_path, "--limit", "0")
+    assert run(env, "show", tmp_path / "study")[1].count("missing") == 6
+    code, output = run(env, "show", "abc", "--results", folder / "results")
+    assert code == 2
+    assert "`shear-sim show results/<study>` lists the jobs" in output
+
+
+def test_a_folder_is_no_study_file(swept):
+    folder, env, _ = swept
+    code, output = run(env, "sweep", folder)
+    assert code == 2
+    assert f"{folder}: a folder: give the study file" in output
 
 
 def test_run_one_job_and_repeat_it(swept, tmp_path):
@@ -323,11 +366,15 @@ def test_verify_names_what_is_damaged_and_sets_it_aside_when_told(swept, tmp_pat
     path.write_bytes(content)
     code, output = run(env, "verify", results.folder)
     assert code == 1
-    assert f"damaged: {path}: damaged: its checksum is wrong" in output
+    assert f"damaged: {path}: damaged: its checksum is wrong\n" in output
     assert path.exists()
+    what_to_do = f"`shear-sim verify {results.folder} --remove` sets it aside, then"
+    for command in ("show", "run", "render"):
+        code, shown = run(env, command, path, "--results", tmp_path)
+        assert (code, what_to_do in shown) == (2, True), shown
     code, output = run(env, "verify", results.folder, "--remove")
     assert code == 1
-    assert "3 results, 1 damaged" in output
+    assert "3 results, 1 damaged\nnext: shear-sim sweep STUDY.yaml\n" in output
     assert (results.folder / "damaged" / path.name).read_bytes() == content
     code, output = run(env, "sweep", folder / "study.yaml", "--results", tmp_path / "results")
     assert "6 jobs: 1 new, 2 done, 3 failed" in output
@@ -360,6 +407,23 @@ def test_watching_ends_when_nothing_is_missing(swept):
     code, output = run(env, "status", folder / "results/study", "--watch")
     assert code == 0
     assert output.count("3 of 6 jobs done, 3 failed, 0 missing") == 1
+
+
+def test_watching_goes_on_until_there_is_a_plan(swept, tmp_path, monkeypatch):
+    """As where somebody watches before the first task has written one."""
+    results = Results(shutil.copytree(swept[0] / "results/study", tmp_path / "study"))
+    plan = results.plan_file.rename(tmp_path / "plan")
+    monkeypatch.setattr(status, "WATCH_SECONDS", 0.0)
+    shown = []
+
+    def show(text):
+        shown.append(text)
+        if len(shown) == 3:
+            plan.rename(results.plan_file)
+        assert len(shown) < 10
+
+    status.watch(results, show)
+    assert ["of ? jobs" in text for text in shown] == [True] * 3 + [False]
 
 
 def test_kernels_can_be_compiled_ahead(swept, tmp_path):

@@ -2,6 +2,7 @@
 
 import io
 import re
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -353,6 +354,35 @@ def test_runs_of_ours_are_not_mixed_in(old):
             attempt()
 
 
+@pytest.mark.parametrize("damage", ["deleted", "truncated", "without checksum"])
+def test_they_are_known_without_their_plan(old, tmp_path, damage):
+    results = Results(shutil.copytree(old, tmp_path / "old"))
+    content = results.plan_file.read_bytes()
+    results.plan_file.write_bytes(content[:-9])
+    if damage == "without checksum":
+        results.plan_file.write_bytes(content.replace(b"shear_sim_sha256", b"something_else_."))
+    elif damage == "deleted":
+        results.plan_file.unlink()
+    study = load_study(old / "study.yaml")
+    before = {path: path.read_bytes() for path in results.folder.rglob("*") if path.is_file()}
+    for attempt in (lambda: make_plan(study, results), lambda: results.prepare(study)):
+        with pytest.raises(ResultsError, match="holds runs imported from particleShear"):
+            attempt()
+    first, *others = sorted(results.jobs.iterdir())
+    for path in others:
+        path.write_bytes(b"")
+    with pytest.raises(ResultsError, match="holds runs imported from particleShear"):
+        make_plan(study, results)
+    first.write_bytes(b"")
+    with pytest.raises(ResultsError, match=r"not known: `shear-sim verify .* --remove` sets them"):
+        make_plan(study, results)
+    for path in results.damaged():
+        results.set_aside(path)
+    assert len(make_plan(study, results).run) == 36
+    kept = {path: path.read_bytes() for path in before if path.exists()}
+    assert kept == {path: content for path, content in before.items() if path.parent.name != "jobs"}
+
+
 def test_other_commands_know_them(old):
     status = read_status(Results(old))
     assert (status["done"], status["missing"], status["program"]) == (36, 0, "particleShear")
@@ -361,6 +391,7 @@ def test_other_commands_know_them(old):
     assert "runs of particleShear, imported" in shown
     job = next((old / "jobs").iterdir())
     assert find_job(job.stem[:9], old.parent) == job
+    assert Results(old).command() == "shear-sim import-legacy FILES --out ANOTHER"
     shown = describe_job(read_summary(job))
     assert re.search(r"run:\n +program +particleShear", shown)
     with pytest.raises(ResultsError, match="imported from particleShear, which this program"):

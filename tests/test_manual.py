@@ -129,7 +129,7 @@ def test_the_first_study_runs_as_it_is(tmp_path):
 )
 def test_a_study_file_names_its_own_commands(path):
     commands = re.findall(r"^# +shear-sim (\w+) +(\S+)", path.read_text(), re.MULTILINE)
-    ours = {"aggregate": f"results/{path.stem}", "report": f"results/{path.stem}"}
+    ours = dict.fromkeys(("aggregate", "report", "show"), f"results/{path.stem}")
     assert commands
     for command, about in commands:
         assert about == ours.get(command, path.relative_to(ROOT).as_posix())

@@ -1,5 +1,6 @@
 """The study-file reference is true: it is a study file, with everything that one may hold."""
 
+import inspect
 import json
 import re
 from pathlib import Path
@@ -47,18 +48,39 @@ def test_every_key_of_every_kind_is_there_and_explained(kind):
     for name, info in all_keys(models.model(kind).POINT):
         assert re.search(rf"^#? *{name}:", text, re.MULTILINE), name
         if name != "kind" and not sections_of(info.annotation):
-            assert info.description or name == "scheme", f"{name} has no description"
+            assert info.description, f"{name} has no description"
     for name in KEYS:
         assert re.search(rf"^(# )?{name}:", text, re.MULTILINE), name
     assert max(map(len, text.splitlines())) <= 104  # a commented line has two more
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_has_a_source(kind):
+    """An equation or section of the model's paper or manual, of its docstring, or none but ours."""
+    source = re.compile(r"paper|[Ss]ection \d|S[12]-\d|(HD|SP)\.\d|\bours\b")
+    numbered = set(re.findall(r"\((HD\.\d+|SP\.\d+)\)", inspect.getdoc(models.model(kind))))
+    for section, info in fields_of(models.model(kind).POINT).items():
+        if section == "record":  # what is written down has none
+            continue
+        for option in sections_of(info.annotation):
+            for name, each in all_keys(option):
+                if sections_of(each.annotation) or (name, each.description) == ("kind", None):
+                    continue
+                assert source.search(each.description), f"{section}.{name}: {each.description}"
+                cited = set(re.findall(r"\b(?:HD|SP)\.\d+", each.description))
+                assert cited <= numbered, f"{section}.{name}: {cited}"
+    assert "(ours:" in study_reference(kind)
+
+
 def test_limits_and_choices_are_named():
     text = study_reference("microgel")
     assert "# μ" not in text
-    assert re.search(r"decay: 0\.5 .*\(> 0, ≤ 1\)", text)
+    assert re.search(r"decay: 0\.5 .*\s*#? *\(> 0, ≤ 1\)", text)
     assert re.search(r"steps_per_period: null(.|\n)*?\(≥ 10\)", text)
     assert "velocity_verlet | semi_implicit_euler" in text
+    walls = study_reference("hard_disc").partition("walls:")[2].partition("orifice")[0]
+    assert "multiple of 4" in study_reference("soft_particle")
+    assert {"none", "floor", "hopper"} <= set(re.findall(r"[a-z]+", walls))
     assert "\N{NO-BREAK SPACE}" not in text
 
 

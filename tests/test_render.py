@@ -209,10 +209,16 @@ def test_lines_are_as_wide_as_forces_are_strong():
     assert len({tuple(c) for c in forces.get_color()}) == 2  # it pushes, or it pulls
 
 
-@pytest.mark.parametrize("colour", ["pressure", "spin", "displacement"])
+@pytest.mark.parametrize("look", [{"colour": "presure"}, {"contacts": "forces"}])
+def test_words_that_are_none_of_a_look_are_refused(look):
+    with pytest.raises(ValueError, match=r"'presure' is not|'forces' is not"):
+        scene([many(20)], **look)
+
+
+@pytest.mark.parametrize("colour", ["pressure", "spin", "speed", "displacement"])
 def test_colours_follow_the_numbers(colour):
     s = many(80)
-    s = s._replace(spin=np.linspace(-1, 1, 80), position=s.position)
+    s = s._replace(spin=np.linspace(-1, 1, 80), velocity=np.linspace([0, 0], [3, 4], 80))
     later = s._replace(position=s.position + np.linspace(0, 0.5, 80)[:, None])
     drawn = scene([s, later], colour=colour, contacts="none")
     drawn.show(0)

@@ -14,6 +14,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from tools import run
 
+from shear_sim import report as module
 from shear_sim.aggregate import make_tables
 from shear_sim.figures import style
 from shear_sim.report import page, write_report
@@ -162,6 +163,26 @@ def test_nothing_finished_yet(tmp_path):
     found = Page((results.folder / "report.html").read_text("utf-8"))
     assert "PARTIAL STUDY: 0 of 18 runs" in found.text["li"]
     assert found.all("img") == []
+
+
+def test_it_knows_of_which_results_it_is(tmp_path, monkeypatch):
+    """One that came while the page was made is not on it, however old the page's file is."""
+    study, results = plan(tmp_path)
+    first, second, *_ = study.jobs()
+    run_job(first, results.jobs)
+    original = module.page
+
+    def slow_page(*given):
+        run_job(second, results.jobs)
+        return original(*given)
+
+    monkeypatch.setattr(module, "page", slow_page)
+    before = results.fingerprint()
+    content = write_report(results.folder).read_text("utf-8")
+    assert before in content
+    assert results.fingerprint() not in content
+    monkeypatch.undo()
+    assert results.fingerprint() in write_report(results.folder).read_text("utf-8")
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

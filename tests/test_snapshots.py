@@ -1,6 +1,7 @@
 """Snapshots: what is kept of particles and contacts, and what others read of it."""
 
 import hashlib
+from pathlib import Path
 
 import gsd.hoomd
 import numpy as np
@@ -12,11 +13,22 @@ from shear_sim import models, runner
 from shear_sim.accuracy import finish
 from shear_sim.models.interface import CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
+from shear_sim.plan import make_plan
 from shear_sim.protocol import snapshot_rows
+from shear_sim.render import read_kept
 from shear_sim.results import Results
 from shear_sim.runner import Stopped, run_job
-from shear_sim.snapshots import clusters, damage, in_cell, paths, read_snapshots
-from shear_sim.study import Job, StudyError, read_study
+from shear_sim.single import repeat
+from shear_sim.snapshots import (
+    clusters,
+    damage,
+    in_cell,
+    paths,
+    read_snapshots,
+    write_snapshots,
+)
+from shear_sim.status import read_status
+from shear_sim.study import Job, StudyError, load_study, read_study
 from shear_sim.tables import TableError
 
 MICROGEL = {"packing": {"discs": 40, "packing_fraction": 1.5}, "shear": {"strain_amplitude": 0.5}}
@@ -366,6 +378,43 @@ def test_a_job_in_pieces_keeps_the_same_snapshots(tmp_path, monkeypatch):
     assert differences(read_table(files[0][2]), read_table(files[1][2])) == []
 
 
+def test_a_repeated_job_is_compared_in_its_snapshots_too(tmp_path, monkeypatch):
+    results = Results(tmp_path / "study")
+    results.jobs.mkdir(parents=True)
+    job = make_job("hard discs: steady", 5)
+    path = run_job(job, results.jobs)
+    monkeypatch.chdir(results.jobs)  # a name alone is a result file too
+    assert repeat(Path(path.name), tmp_path, lambda: None)[1] == []
+    kept, columns = read_snapshots(results.snapshots, job.id), read_table(path).columns
+    force, moved = kept[-1].normal * (1 + 1e-15), kept[1].position + 1e-3
+    kept[1], kept[-1] = kept[1]._replace(position=moved), kept[-1]._replace(normal=force)
+    write_snapshots(results.snapshots, job.id, kept, columns)
+    assert repeat(path, tmp_path, lambda: None)[1] == [
+        "snapshot 1: position",
+        f"snapshot {len(kept) - 1}: normal",
+    ]
+    paths(results.snapshots, job.id)[0].unlink()
+    with pytest.raises(TableError, match=rf"{job.id}\.gsd: cannot be read"):
+        repeat(path, tmp_path, lambda: None)
+
+
+def test_the_disk_that_snapshots_take_is_counted(tmp_path):
+    """By the status, and by the plan of the jobs that are missing."""
+    (tmp_path / "study.yaml").write_text(
+        "packing: {discs: 24, packing_fraction: 0.7}\nmodel: {kind: hard_disc}\n"
+        "shear: {kind: steady, strain: 0.1}\nrecord: {snapshots: 20}\nreplicates: 2\nseed: 1\n"
+    )
+    study, results = load_study(tmp_path / "study.yaml"), Results(tmp_path / "study")
+    results.jobs.mkdir(parents=True)
+    run_job(study.jobs()[0], results.jobs)
+    files = [f for f in results.folder.glob("*/*") if f.parent.name in {"jobs", "snapshots"}]
+    assert len(files) == 3
+    size = sum(file.stat().st_size for file in files)
+    assert size > 1.5 * results.job_file(study.jobs()[0].id).stat().st_size
+    assert read_status(results)["disk_bytes"] == size
+    assert make_plan(study, results).to_json()["estimate"]["disk_bytes"] == size
+
+
 def test_damage_is_found_and_the_job_can_run_again(tmp_path):
     results = Results(tmp_path)
     results.jobs.mkdir()
@@ -384,6 +433,8 @@ def test_damage_is_found_and_the_job_can_run_again(tmp_path):
         assert list(results.damaged()) == [job.id]
         with pytest.raises(TableError, match=path.name):
             read_snapshots(results.snapshots, job.id)
+        with pytest.raises(TableError, match=f"`shear-sim verify {tmp_path} --remove` sets it"):
+            read_kept(results.job_file(job.id))
         results.set_aside(job.id)
         run_job(job, results.jobs)
         assert results.damaged() == {}

@@ -63,19 +63,18 @@ def test_tasks_are_as_long_as_they_should_be(plan, limits):
 
 
 @pytest.mark.parametrize(
-    ("limits", "costs", "tasks", "shortest"),
+    ("usable", "costs", "tasks", "shortest"),
     [
-        (Limits(minutes=30), {1000.0: 40, 1.0: 360}, 40, 1000),
-        (Limits(), {1000.0: 40, 1.0: 360}, 22, 1090),
-        (Limits(minutes=30), {900.0: 362, 1.0: 100}, 362, 900),
-        (Limits(minutes=30), {1500.0: 40, 1.0: 1}, 40, 1500),
-        (Limits(minutes=6), {10.0: 400}, 22, 180),
-        (Limits(minutes=30), {1000.0: 2, 1.0: 2000}, 4, 1000),
-        (Limits(minutes=30), {36000.0: 1, 10.0: 400}, 5, 1000),
+        (1000.0, {1000.0: 40, 1.0: 360}, 40, 1000),
+        (1800.0, {1000.0: 40, 1.0: 360}, 22, 1090),
+        (1000.0, {900.0: 362, 1.0: 100}, 362, 900),
+        (1000.0, {1500.0: 40, 1.0: 1}, 40, 1500),
+        (180.0, {10.0: 400}, 22, 180),
+        (1000.0, {1000.0: 2, 1.0: 2000}, 4, 1000),
+        (1000.0, {36000.0: 1, 10.0: 400}, 5, 1000),
     ],
 )
-def test_tasks_are_not_short_where_costs_differ(limits, costs, tasks, shortest):
-    usable = {30: 1000.0, 6: 180.0}.get(limits.minutes, 1800.0)
+def test_tasks_are_not_short_where_costs_differ(usable, costs, tasks, shortest):
     jobs = [cost for cost, count in costs.items() for _ in range(count)]
     shares = divide({f"{k:05}": cost for k, cost in enumerate(jobs)}, 1000, usable)
     times = [sum(jobs[int(job)] for job in share) for share in shares]
@@ -103,6 +102,21 @@ def test_one_short_study_is_one_task(plan):
     plan.wall_s._sum = {key: value / 1000 for key, value in plan.wall_s._sum.items()}
     layout = lay_out(plan, Limits(), set())
     assert (len(layout.shares), layout.minutes) == (1, 10)
+
+
+@pytest.mark.parametrize("minutes", [5, 6, 10, 20, 60])
+def test_tasks_end_before_the_warning(plan, minutes):
+    """Also where they have to compile first, for half a minute."""
+    plan.wall_s._sum = {key: value * minutes / 100 for key, value in plan.wall_s._sum.items()}
+    layout = lay_out(plan, Limits(minutes=minutes), set())
+    assert max(loads(plan, layout)) <= 60 * minutes - 120 - 30
+
+
+@pytest.mark.parametrize("minutes", [1, 2, 3, 4])
+def test_a_limit_that_the_warning_takes_up_is_refused(plan, fake, minutes):
+    with pytest.raises(PlanError, match=f"--time {minutes}: must be at least 5 minutes"):
+        submit(plan, Limits(minutes=minutes, max_tasks=3), print)
+    assert fake.calls("sbatch") == []
 
 
 def test_a_job_longer_than_the_limit_is_submitted_all_the_same(plan, fake, capsys):
@@ -137,12 +151,12 @@ def test_arrays_stay_below_the_largest_index_and_cover_every_task(plan, fake):
         [(offset, count)] = re.findall(
             r'--shard "\$(?:\(\()?SLURM_ARRAY_TASK_ID(?: \+ (\d+)\)\))?/(\d+)"', script
         )
-        assert count == "8"
+        assert count == "7"
         covered += [int(offset or 0) + i for i in range(int(first), int(last or first) + 1)]
-    assert sorted(covered) == list(range(8))
+    assert sorted(covered) == list(range(7))
     assert numbers == [101, 102, 103]
     assert "#SBATCH --dependency=afterany:101:102" in scripts[2]
-    records = slurm.submissions(plan.results)
+    records, _ = slurm.submissions(plan.results)
     assert [(each.job, each.kind) for each in records] == [
         (101, "array"), (102, "array"), (103, "aggregation"),
     ]  # fmt: skip
@@ -173,6 +187,15 @@ def test_a_task_has_the_cores_of_its_job(plan, fake):
         for script in scripts
     }
     assert cores == {False: ["3"], True: ["1"]}
+
+
+def test_no_warning_comes_before_the_program_is_ready_for_it(plan, fake):
+    """Slurm may send it a minute early; the program takes less than a second to be ready."""
+    submit(plan, Limits(minutes=5), print)
+    script = (fake.folder / "script-1").read_text()
+    [limit] = re.findall(r"--time=(\d+)\n", script)
+    [warning] = re.findall(r"--signal=B:USR1@(\d+)\n", script)
+    assert 60 * int(limit) - int(warning) - 60 >= 120
 
 
 def test_a_dry_run_submits_and_writes_nothing(plan, fake):
@@ -288,7 +311,7 @@ def test_a_refusal_says_what_is_queued_already(plan, fake):
     )
     with pytest.raises(SlurmError, match="Invalid qos; queued: 7; the same command again"):
         submit(plan, Limits(minutes=10, max_tasks=11), print)
-    [kept] = slurm.submissions(plan.results)
+    [kept], _ = slurm.submissions(plan.results)
     assert (kept.job, kept.tasks) == (7, (0, 1, 2, 3))
 
 
@@ -298,6 +321,37 @@ def test_without_a_place_for_its_number_nothing_is_submitted(plan, fake):
     with pytest.raises(ResultsError, match=r"submissions: cannot be written .*nothing is"):
         submit(plan, Limits(), print)
     assert fake.calls("sbatch") == []
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b"\xff",
+        b'{"job": "x", "kind": "array", "submitted": "", "tasks": []}',
+        b'{"job": 102, "kind": "array", "tasks": [0], "share": 3}',  # as of another version
+        None,
+    ],
+)
+def test_a_damaged_record_is_named_and_stops_no_status(plan, fake, content):
+    submit(plan, Limits(), print)
+    fake.answers("squeue", "echo '101|0|RUNNING|None'")
+    damaged = plan.results.submissions / "102.json"
+    damaged.unlink()
+    if content is None:
+        damaged.mkdir()
+    else:
+        damaged.write_bytes(content)
+    problem = f"{damaged}: cannot be read .*: delete it once its job has ended"
+    status = read_status(plan.results)
+    assert [re.fullmatch(problem, each) is not None for each in status["problems"]] == [True]
+    assert re.search(f"\n  {problem}\n", describe_status(status))
+    assert [each["job"] for each in status["tasks"]] == [101]
+    with pytest.raises(SlurmError, match=problem):
+        submit(plan, Limits(), print)
+    assert len(fake.calls("sbatch")) == 2
 
 
 def test_a_number_that_cannot_be_kept_is_said(plan, fake, monkeypatch):
@@ -338,13 +392,13 @@ def test_a_missing_aggregation_is_made_up_for(plan, fake):
     assert submit(done, limits, print) == []
     fake.answers("squeue", "")
     report = plan.results.report_file
-    report.write_text("of all results")
+    report.write_text(f"a page {plan.results.fingerprint()}")
     assert submit(done, limits, print) == []
     plan.results.study_file.write_text("before its last edit, which needs no new job")
     assert submit(done, limits, print) == [105]
     assert plan.results.study_file.read_text() == plan.study.text
     assert submit(done, limits, print) == []
-    os.utime(report, (1, 1))
+    os.utime(plan.results.job_file(plan.run[0].id), (1, 1))  # replaced by an older copy
     assert submit(done, limits, print) == [106]
 
 
@@ -371,7 +425,7 @@ def test_an_answer_without_a_number_is_an_error(plan, fake, answer):
     fake.answers("sbatch", answer)
     with pytest.raises(SlurmError, match="nothing is queued"):
         submit(plan, Limits(), print)
-    assert slurm.submissions(plan.results) == []
+    assert slurm.submissions(plan.results) == ([], [])
 
 
 def test_without_slurm_there_is_nothing_to_submit_to(plan, monkeypatch, tmp_path):
@@ -481,6 +535,18 @@ def test_odd_lines_of_an_answer_are_skipped(plan, fake):
     assert array["tasks"] == {"running": 1, "timeout": 1}
 
 
+def test_an_empty_queue_of_a_named_cluster_is_empty(plan, fake):
+    """With SLURM_CLUSTERS squeue says its name in any case."""
+    submit(plan, Limits(), print)
+    fake.answers("squeue", "echo 'CLUSTER: main'")
+    assert slurm.queue() == []
+    assert [each["tasks"] for each in read_status(plan.results)["tasks"]] == [
+        {"ended": 2},
+        {"ended": 1},
+    ]
+    assert submit(plan, Limits(), print) == [103, 104]
+
+
 def test_an_answer_may_be_in_any_encoding(fake):
     fake.answers("squeue", r"printf '101|0|RUNNING|Gr\374n\n'")
     [task] = slurm.queue()
@@ -495,14 +561,25 @@ def test_what_failed_before_runs_last(plan):
     assert [job.id for job in again.run] == [*others, first]
 
 
-def test_what_failed_by_physics_is_tried_again_when_told(plan, fake):
+def test_what_failed_by_physics_is_tried_once_more_when_told(plan, fake):
+    """And not at every requeue of a task, which runs the same script."""
+    failed, held_back, crashed = plan.run[:3]
+    limits = Limits(minutes=60, max_tasks=1)
     plan.results.prepare(plan.study)
-    plan.results.record_failure(Failure(plan.run[0].id, "physics", "the spring broke"))
-    for count, retry in enumerate((False, True)):
-        told = make_plan(plan.study, plan.results, retry_failed=retry)
-        submit(told, Limits(minutes=60, max_tasks=1), print)
-        script = (fake.folder / f"script-{2 * count + 1}").read_text()
-        assert script.endswith(" --retry-failed\n") == retry
+    plan.results.record_failure(Failure(failed.id, "physics", "the spring broke"))
+    plan.results.record_failure(Failure(crashed.id, "crash", "its worker died"))
+    submit(make_plan(plan.study, plan.results), limits, print)
+    assert failed.id not in flat(jobs_of(fake, 1))
+    told = make_plan(plan.study, plan.results, retry_failed=True)
+    submit(told, limits, print, dry_run=True)
+    assert plan.results.failures().keys() == {failed.id, crashed.id}
+    submit(told, limits, print)
+    assert plan.results.failures().keys() == {crashed.id}
+    assert failed.id in flat(jobs_of(fake, 3))
+    plan.results.record_failure(Failure(held_back.id, "physics", "the spring broke"))
+    [task] = jobs_of(fake, 3)
+    assert held_back.id not in task  # it has been tried in this run of the task
+    assert failed.id in task  # its turn had not come
 
 
 def test_a_log_goes_to_a_folder_of_any_name(plan, fake, tmp_path):
@@ -510,10 +587,16 @@ def test_a_log_goes_to_a_folder_of_any_name(plan, fake, tmp_path):
     submit(replace(plan, results=Results(tmp_path / "50%A b/study")), Limits(), print)
     script = (fake.folder / "script-1").read_text()
     assert f"#SBATCH --output='{tmp_path}/50%%A b/study/logs/slurm-%A_%a.log'\n" in script
+    odd = "\udcfcber\ta\u00a0b"  # an ü of another encoding, a tab and a space that does not break
+    submit(replace(plan, results=Results(tmp_path / odd / "study")), Limits(), print)
+    script = (fake.folder / "script-3").read_bytes()
+    assert (
+        f"#SBATCH --output='{tmp_path}/{odd}/study/logs/".encode(errors="surrogateescape") in script
+    )
     for name in ("back\\slash", "two\nlines"):
         with pytest.raises(PlanError, match="Slurm writes no logs to a folder with a backslash"):
             submit(replace(plan, results=Results(tmp_path / name / "study")), Limits(), print)
-    assert len(fake.calls("sbatch")) == 2
+    assert len(fake.calls("sbatch")) == 4
 
 
 def test_a_task_within_its_limit_is_not_called_longer(plan):

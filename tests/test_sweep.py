@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,10 +24,12 @@ from tools import (
 
 import shear_sim
 from shear_sim import sweep
+from shear_sim.aggregate import make_tables
 from shear_sim.plan import Costs, PlanError, default_workers, make_plan
-from shear_sim.results import Results
+from shear_sim.results import Results, ResultsError
 from shear_sim.screen import Screen
 from shear_sim.single import differences
+from shear_sim.status import describe_status, read_status
 from shear_sim.study import load_study
 from shear_sim.tables import TableError, read_table
 from shear_sim.workers import Ending, Outcome
@@ -76,10 +79,31 @@ def test_any_shard_keeps_the_study_and_its_plan_where_they_are_missing(tmp_path)
     assert plan.num_rows == 12
     assert results.study_file.read_text() == study.read_text()
     results.plan_file.unlink()
-    with pytest.raises(TableError, match=r"`shear-sim sweep STUDY\.yaml` makes it again"):
+    with pytest.raises(TableError, match=r"no such file: `shear-sim sweep STUDY\.yaml` makes it"):
         results.plan()
     make(study, tmp_path, shard=(2, 3), jobs=1)
     assert results.plan()[0].equals(plan)
+
+
+def test_a_damaged_plan_or_study_file_is_said_and_made_again_by_a_sweep(undisturbed, tmp_path):
+    study = write_study(tmp_path)
+    results = Results(shutil.copytree(undisturbed.folder, tmp_path / "study"))
+    plan = results.plan()[0]
+    results.plan_file.write_bytes(results.plan_file.read_bytes()[:-9])
+    problem = rf"{results.plan_file}: damaged: .*: `shear-sim sweep STUDY\.yaml` makes"
+    with pytest.raises(TableError, match=problem):
+        make_tables(results.folder)
+    status = read_status(results)
+    assert (status["planned"], status["missing"]) == (None, None)
+    assert re.search(f"12 of [?] jobs done\n  {problem}", describe_status(status))
+    make(study, tmp_path)
+    assert results.plan()[0].equals(plan)
+    for harm in (results.study_file.unlink, lambda: results.study_file.write_bytes(b"\xff")):
+        harm()
+        with pytest.raises(ResultsError, match=r"cannot be read .*STUDY\.yaml` writes it again"):
+            make_tables(results.folder)
+        make(study, tmp_path)
+        assert make_tables(results.folder)["runs"].attrs["done"] == 12
 
 
 def test_a_shard_is_cut_before_finished_jobs_are_skipped(undisturbed, tmp_path):

@@ -2,13 +2,15 @@
 
 A file holds a checksum, the key of the code that wrote it, the job, and the pickled simulation. It
 is read for the same job by the same sources and versions on the same type of processor only, which
-is what lets a pickle do.
+is what lets a pickle do. Those versions are also pydantic's, whose objects are in it, and scipy's,
+which prepares packings.
 """
 
 import hashlib
 import pickle
 import sys
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 
 from shear_sim.compiled import build_key
@@ -59,19 +61,20 @@ def read_checkpoint(path: Path) -> Progress | None:
         raise IsADirectoryError(error.errno, msg, str(path)) from error
     digest, data, header = content[:32], content[32:], _header(path)
     if hashlib.sha256(data).digest() != digest:
-        print(f"{path}: damaged; the job begins anew", file=sys.stderr, flush=True)
-        return None
-    if not data.startswith(header):
-        print(
-            f"{path}: of another job, other code or another type of processor; the job begins anew",
-            file=sys.stderr,
-            flush=True,
-        )
-        return None
-    progress: Progress = pickle.loads(data[len(header) :])  # noqa: S301 - ours, see above
-    progress.resumed += 1
-    return progress
+        problem = "damaged"
+    elif not data.startswith(header):
+        problem = "of another job, other code or another type of processor"
+    else:
+        try:
+            progress: Progress = pickle.loads(data[len(header) :])  # noqa: S301 - ours, see above
+        except Exception as error:  # whatever the objects in it raise
+            problem = f"damaged ({type(error).__name__}: {error})"
+        else:
+            progress.resumed += 1
+            return progress
+    print(f"{path}: {problem}; the job begins anew", file=sys.stderr, flush=True)
+    return None
 
 
 def _header(path: Path) -> bytes:
-    return build_key().encode() + path.stem.encode()
+    return " ".join([build_key(), *map(version, ("pydantic", "scipy")), path.stem]).encode()

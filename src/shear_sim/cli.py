@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from shear_sim.looks import Colour, Contacts
+
 if TYPE_CHECKING:
     from shear_sim.plan import Plan
     from shear_sim.results import Results
@@ -75,23 +77,6 @@ class Tensor(StrEnum):
     external = "external"
 
 
-class Colour(StrEnum):
-    """What particles may be coloured by."""
-
-    particle = "particle"
-    pressure = "pressure"
-    spin = "spin"
-    displacement = "displacement"
-
-
-class Contacts(StrEnum):
-    """What lines between particles may show."""
-
-    state = "state"
-    force = "force"
-    none = "none"
-
-
 OfTensor = Annotated[
     Tensor | None,
     typer.Option("--tensor", help="Whose moduli the tables are of; default: all contacts."),
@@ -134,14 +119,15 @@ def sweep(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the plan.")] = False,
 ) -> None:
-    """Run all jobs of a study that have no result yet, on all cores.
+    """Run all jobs of a study that have no result yet.
 
-    It may be stopped at any time, also killed: the same command again goes on, with the same
-    results to the bit. Failed jobs are reported and the others go on.
+    On all cores. It may be stopped at any time, also killed: the same command again goes on, with
+    the same results to the bit. Failed jobs are reported and the others go on.
 
     Example: shear-sim sweep configs/main.yaml
     """
-    # Slurm's warning is kept for the supervisor: a task that ended now would not be requeued.
+    # Slurm's warning is kept for the supervisor: a task that ended now would not be requeued. This
+    # line is reached after 0.2 s of CPU, and no warning comes in the first two minutes of a task.
     received: list[int] = []
     signal.signal(signal.SIGUSR1, lambda number, _frame: received.append(number))
     planned = _plan(
@@ -184,7 +170,9 @@ def plan(
     retry_failed: RetryFailed = False,
     as_json: Json = False,
 ) -> None:
-    """Show what a sweep would do and cost, and do nothing (as sweep --dry-run).
+    """Show what a sweep would do and cost, and do nothing.
+
+    As sweep --dry-run. The cost is known once some of its jobs are done.
 
     Example: shear-sim plan configs/main.yaml --json
     """
@@ -198,7 +186,9 @@ def submit(
     results: Root = RESULTS,
     minutes: Annotated[
         int | None,
-        typer.Option("--time", metavar="MINUTES", min=1, help="Longest time limit of a task."),
+        typer.Option(
+            "--time", metavar="MINUTES", min=1, help="Longest limit of a task; 5 or more."
+        ),
     ] = None,
     max_tasks: Annotated[int | None, typer.Option(min=1, help="Most tasks, of all arrays.")] = None,
     memory: Annotated[
@@ -209,10 +199,11 @@ def submit(
     retry_failed: RetryFailed = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the scripts.")] = False,
 ) -> None:
-    """Submit a study to Slurm: what is missing as an array, and the report after it.
+    """Submit a study to Slurm, as an array of tasks.
 
-    Tasks and their time limit follow from what finished jobs have cost. The same command again
-    submits what is missing and neither waits nor runs.
+    What is missing is run, and the report made after it. Tasks and their time limit follow from
+    what finished jobs have cost. The same command again submits what is missing and neither waits
+    nor runs.
 
     Example: shear-sim submit configs/main.yaml --partition standard --time 240
     """
@@ -227,7 +218,9 @@ def submit(
 
 @app.command()
 def compile(study: StudyFile) -> None:  # noqa: A001 - the name of the command
-    """Compile the kernels of a study, so that no sweep on this type of processor has to.
+    """Compile the kernels of a study, and do nothing more.
+
+    No sweep on this type of processor has to then.
 
     Example: shear-sim compile configs/main.yaml
     """
@@ -292,9 +285,10 @@ def status(
         bool, typer.Option("--watch", help="Show it again every 10 s, until nothing is missing.")
     ] = False,
 ) -> None:
-    """Show how far a study is: jobs done, failed with the reason, missing; time and disk.
+    """Show how far a study is: done, failed, missing; time.
 
-    On a cluster also the tasks that wait and run, and when the rest may be expected.
+    Why jobs failed, and the disk that results take. On a cluster also the tasks that wait and run,
+    and when the rest may be expected.
 
     Example: shear-sim status results/main --watch
     """
@@ -314,17 +308,30 @@ def status(
 
 @app.command()
 def show(
-    job: JobName,
+    job: Annotated[
+        str,
+        typer.Argument(
+            metavar="JOB|RESULTS",
+            help="Result file, or begin of a job id; a results folder: all of its jobs.",
+            autocompletion=_known_jobs,
+        ),
+    ],
     results: Root = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Show one job: its parameters, constants, moduli and checks, or why it failed.
+    """Show one job, or list the jobs of a study with their ids.
 
-    Example: shear-sim show 3f9c21
+    Of a job: its parameters, constants, moduli and checks, or why it failed.
+
+    Examples: shear-sim show results/main; shear-sim show 3f9c21
     """
-    from shear_sim.results import find_job, read_failure, read_job_summary
-    from shear_sim.status import describe_job
+    from shear_sim.results import Results, find_job, read_failure, read_job_summary
+    from shear_sim.status import describe_job, describe_jobs, read_jobs
 
+    if Path(job).is_dir():
+        jobs = read_jobs(Results.existing(Path(job)))
+        typer.echo(_json(jobs) if as_json else describe_jobs(jobs))
+        return
     path = find_job(job, results)
     if path.suffix == ".json":
         summary: dict[str, Any] = {"failure": asdict(read_failure(path))}
@@ -356,11 +363,12 @@ def render(
         typer.Option(metavar="FILE", help="A .png, .pdf or .gif. Default: JOB.png, JOB.gif here."),
     ] = None,
 ) -> None:
-    """Draw the snapshots of a job: particles, contacts, and strain and stress beside them.
+    """Draw the snapshots of a job: a picture, or a film.
 
-    For jobs whose study says `record: {snapshots: N}`. Links are blue with an orange interface,
-    interfaces that hold are red, those that slide green. Images of the cell are dimmed.
-    Displacements are beside the affine flow, since the first snapshot.
+    Particles and contacts, with strain and stress beside them, of jobs whose study says `record:
+    {snapshots: N}`. Links are blue with an orange interface, interfaces that hold are red, those
+    that slide green. Images of the cell are dimmed. Displacements are beside the affine flow, since
+    the first snapshot.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
     shear-sim render 3f9c21 --time 0.5 --contacts force --out forces.pdf
@@ -377,7 +385,7 @@ def render(
         raise typer.BadParameter(msg)
     kept = module.read_kept(find_job(job, results))
     path = out or Path(f"{kept.path.stem}{suffixes[0]}")
-    look = (colour.value, contacts and contacts.value)
+    look = (colour, contacts)
     if film:
         module.write_film(kept, path, *look)
     else:
@@ -395,10 +403,10 @@ def verify(
         bool, typer.Option("--remove", help="Move damaged results aside: the sweep replaces them.")
     ] = False,
 ) -> None:
-    """Read every result and compare it with its checksum; exit code 1 if any is damaged.
+    """Read every result and compare it with its checksum.
 
-    Damaged results stay where they are, and are left out by aggregate, until --remove moves them
-    to damaged/ and the next sweep computes them again.
+    Exit code 1 if any is damaged. Damaged results stay where they are, and are left out by
+    aggregate, until --remove moves them to damaged/ and the next sweep computes them again.
 
     Example: shear-sim verify results/main
     """
@@ -411,8 +419,7 @@ def verify(
         typer.echo(f"damaged: {problem}{moved}")
     typer.echo(f"{len(of.finished()) + len(damaged) * remove} results, {len(damaged)} damaged")
     if damaged:
-        how = "next: shear-sim sweep STUDY.yaml" if remove else "next: the same with --remove"
-        typer.echo(how)
+        typer.echo(f"next: {of.command() if remove else 'the same with --remove'}")
     raise typer.Exit(1 if damaged else 0)
 
 
@@ -428,7 +435,9 @@ def aggregate(
         ),
     ] = False,
 ) -> None:
-    """Make the tables and figures of a study from its results, also from partial ones.
+    """Make the tables and figures of a study.
+
+    Also of one that is not complete: everything says how many runs of how many it is from.
 
     Example: shear-sim aggregate results/main
     """
@@ -452,7 +461,9 @@ def import_legacy(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Results folder to make.")],
 ) -> None:
-    """Read output files of particleShear into a results folder, to aggregate as any other.
+    """Read output files of particleShear.
+
+    They become a results folder, which is aggregated as any other.
 
     Example: shear-sim import-legacy old_runs/*.txt --out results/old
     """
@@ -463,7 +474,9 @@ def import_legacy(
 
 @app.command()
 def report(results: ResultsFolder, tensor: OfTensor = None) -> None:
-    """Aggregate a study and write report.html: one page with all of it, to be mailed.
+    """Aggregate a study and write one page with all of it.
+
+    It is RESULTS/report.html, refers to nothing outside itself, and can be mailed.
 
     Example: shear-sim report results/main
     """
@@ -485,11 +498,11 @@ def accuracy(
     ] = 24,
     results: Root = RESULTS,
 ) -> None:
-    """Show what error the steps of a study leave, and at what cost.
+    """Show what error the steps of a study leave.
 
-    Representative jobs run from one prepared packing each, with every integrator over a ladder of
-    steps per period, against far finer steps. Jobs whose runs do not converge with the step are
-    found, and judged by the mean over many packings. Tables and a figure are kept.
+    And at what cost. Representative jobs run from one prepared packing each, with every integrator
+    over a ladder of steps per period, against far finer steps. Jobs whose runs do not converge with
+    the step are found, and judged by the mean over many packings. Tables and a figure are kept.
 
     Twice the steps leave a quarter of the error (semi_implicit_euler: half), but about half where
     contacts with dashpots open and close. Steps that are too long for contacts, dashpots or the
@@ -521,9 +534,10 @@ def schema(
         bool, typer.Option("--json", help="JSON Schema, for editors that complete and check.")
     ] = False,
 ) -> None:
-    """Print the study-file reference: every key, its default, unit, limits and source.
+    """Print every key of a study file.
 
-    The reference is itself a study file, one job with all defaults, to be copied from.
+    With its default, unit, limits and source. The reference is itself a study file, one job with
+    all defaults, to be copied from.
 
     Examples: shear-sim schema hard_disc; shear-sim schema --json > study.schema.json
     """

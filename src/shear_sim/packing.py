@@ -23,17 +23,22 @@ MAX_DISCS = 100_000
 class Cell(Section):
     """The simulated cell and what happens at its edges."""
 
-    width: Annotated[float, Field(ge=1e-12, le=100, description="L_x [m]"), MICROMETRES] = 500e-6
+    width: Annotated[float, Field(ge=1e-12, le=100, description="L_x [m]; S2-1"), MICROMETRES] = (
+        500e-6
+    )
     height: Annotated[
         float | None,
-        Field(ge=1e-12, le=100, description="L_y [m]; default: the width (hexagonal: derived)"),
+        Field(
+            ge=1e-12, le=100, description="L_y [m]; default: the width (hexagonal: derived); ours"
+        ),
         MICROMETRES,
     ] = None
     boundary: Annotated[
         Literal["lees_edwards", "plates", "open"],
         Field(
             description="lees_edwards: sheared periodic cell. plates: discs that touch top or "
-            "bottom when the shear starts are glued to rigid rough plates. open: no images at all."
+            "bottom when the shear starts are glued to rigid rough plates. open: no images at all "
+            "(section 4.1)"
         ),
     ] = "lees_edwards"
 
@@ -42,13 +47,14 @@ class Equilibration(Section):
     """When a packing counts as at rest, in units of k ⟨D⟩ and k ⟨D⟩² per metre of depth."""
 
     force_tolerance: Annotated[
-        Positive, Field(description="largest net force on a disc / (k⟨D⟩)")
+        Positive, Field(description="largest net force on a disc / (k⟨D⟩); ours")
     ] = 1e-9
     energy_tolerance: Annotated[
-        Positive, Field(description="kinetic energy per disc / (k⟨D⟩²)")
+        Positive, Field(description="kinetic energy per disc / (k⟨D⟩²); ours")
     ] = 1e-18
     max_steps: Annotated[
-        int, Field(ge=0, description="limit of each of the two equilibrations; 0: start as it is")
+        int,
+        Field(ge=0, description="limit of each of the two equilibrations; 0: start as it is; ours"),
     ] = 100_000
 
 
@@ -60,25 +66,30 @@ class Packing(Section):
 
     start: Annotated[
         Literal["random", "hexagonal", "file"],
-        Field(description="uniform random positions, a hexagonal crystal, or a start file"),
+        Field(
+            description="uniform random positions, a hexagonal crystal, or a start file (section 6)"
+        ),
     ] = "random"
-    discs: Annotated[int, Field(ge=1, le=MAX_DISCS, description="N; ⌈N/2⌉ are large")] = 150
+    discs: Annotated[int, Field(ge=1, le=MAX_DISCS, description="N; ⌈N/2⌉ are large; S2-1")] = 150
     packing_fraction: Annotated[
         float,
         Field(gt=0, le=2.5, description="φ = Σ π r_i² / cell area [-], not in percent; S1-14"),
         PERCENT,
     ] = 1.5
-    size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
-    density: Annotated[float, Field(gt=0, description="ρ of a disc [kg/m³]")] = 1000.0
+    size_ratio: Annotated[
+        float, Field(ge=1, le=5, description="large radius / small radius; S2-1")
+    ] = 1.4
+    density: Annotated[float, Field(gt=0, description="ρ of a disc [kg/m³]; S2-1")] = 1000.0
     columns: Annotated[
         int | None,
-        Field(ge=1, description="hexagonal start: discs per row (rows = discs / columns)"),
+        Field(ge=1, description="hexagonal start: discs per row (rows = discs / columns); ours"),
     ] = None
     file: Annotated[
         Path | None,
         Field(
             strict=False,
-            description="start: file. Table (.csv, .parquet) or state (.npz), beside the study",
+            description="start: file. Table (.csv, .parquet) or state (.npz), beside the study; "
+            "ours",
         ),
     ] = None
     file_digest: Annotated[

@@ -270,7 +270,7 @@ def _measured(
         if job in points:
             cpu_s.add(points[job], cpu)
             wall_s.add(points[job], wall)
-    size_sum = sum(rows["bytes"])
+    size_sum = sum(rows["bytes"]) + results.snapshot_bytes()
     return cpu_s, wall_s, size_sum / len(rows["bytes"]), max(rows["run.peak_memory_mb"])
 
 

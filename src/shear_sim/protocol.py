@@ -19,12 +19,14 @@ class OscillatoryShear(Section):
 
     kind: Literal["oscillatory"] = "oscillatory"
     strain_amplitude: Annotated[
-        float, Field(gt=0, le=5, description="A [-], not in percent"), PERCENT
+        float, Field(gt=0, le=5, description="A [-], not in percent; S2-1"), PERCENT
     ] = 0.2
-    relative_frequency: Annotated[float, Field(gt=0, description="f τ [-]; T = τ / (f τ)")] = 0.025
-    pre_periods: Annotated[NonNegative, Field(description="rest before, in periods T")] = 2
-    periods: Annotated[Positive, Field(description="shear, in periods T")] = 3
-    post_periods: Annotated[NonNegative, Field(description="rest after, in periods T")] = 1
+    relative_frequency: Annotated[
+        float, Field(gt=0, description="f τ [-]; T = τ / (f τ); S2-1")
+    ] = 0.025
+    pre_periods: Annotated[NonNegative, Field(description="rest before, in periods T; S2-1")] = 2
+    periods: Annotated[Positive, Field(description="shear, in periods T; S2-1")] = 3
+    post_periods: Annotated[NonNegative, Field(description="rest after, in periods T; S2-1")] = 1
 
 
 def _not_zero(rate: float) -> float:
@@ -39,14 +41,16 @@ class SteadyShear(Section):
 
     kind: Literal["steady"]
     relative_rate: Annotated[
-        float, AfterValidator(_not_zero), Field(description="strain rate × τ [-], either sign")
+        float,
+        AfterValidator(_not_zero),
+        Field(description="strain rate × τ [-], either sign; ours"),
     ]
-    strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")]
+    strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]; ours")]
     relative_frequency: Annotated[
-        float, Field(gt=0, description="sets the unit of time T = τ / relative_frequency")
+        float, Field(gt=0, description="sets the unit of time T = τ / relative_frequency; ours")
     ] = 0.025
-    pre_periods: Annotated[NonNegative, Field(description="rest before, in T")] = 2
-    post_periods: Annotated[NonNegative, Field(description="rest after, in T")] = 1
+    pre_periods: Annotated[NonNegative, Field(description="rest before, in T; ours")] = 2
+    post_periods: Annotated[NonNegative, Field(description="rest after, in T; ours")] = 1
 
     @property
     def periods(self) -> float:

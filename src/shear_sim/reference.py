@@ -4,6 +4,7 @@ It is itself a study file, one job with all defaults, so that it can be copied f
 wrong: what is not default, such as the other contact laws, stands beside it in comments.
 """
 
+import re
 import textwrap
 from collections.abc import Iterator
 from typing import Any, Literal, get_args, get_origin
@@ -41,8 +42,9 @@ threads: 1                          # cores of one job (microgel, from some 1,00
 
 def study_reference(kind: str) -> str:
     """Return the reference of one model's study files, as a study file with all defaults."""
-    point = models.model(kind).POINT
-    lines = []
+    package = models.model(kind)
+    point = package.POINT
+    lines = [*_header(kind, package.__doc__ or ""), ""]
     for name, info in fields_of(point).items():
         lines += [*_key(name, info, ""), ""]
     return "\n".join(lines) + "\n" + DESIGN
@@ -60,6 +62,18 @@ def json_schema(kind: str) -> dict[str, Any]:
     }
     schema["properties"]["sweep"] = {"type": ["object", "array"]}
     return schema
+
+
+def _header(kind: str, docstring: str) -> list[str]:
+    """Return the lines that say where the sources are, from the package's own words on them."""
+    sources = " ".join(docstring.partition("Source: ")[2].partition("\n\n")[0].split())
+    text = (
+        f"Study file of model {kind}: every key with its default, its meaning and unit, its source "
+        f"(ours: only this program has it) and its limits. {sources}"
+    )
+    if re.search(r"\([A-Z]{2}\.1\)", docstring):
+        text += f" Equations with a dot are in the docstring of shear_sim.models.{kind}."
+    return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2)]
 
 
 def _key(name: str, info: FieldInfo, indent: str) -> Iterator[str]:
@@ -87,9 +101,8 @@ def _section(
     yield from _commented(f"{indent}{name}:", text.removesuffix("."))
     for key, each in fields_of(section).items():
         if key not in FILLED_IN:
-            kind = kind_of(section) if key == "kind" else None
-            if kind is not None:
-                yield f"{indent}  kind: {kind}"
+            if key == "kind" and len(_words(each.annotation)) == 1:
+                yield f"{indent}  kind: {kind_of(section)}"
             else:
                 yield from _key(key, each, f"{indent}  ")
 
@@ -143,12 +156,12 @@ def _words(annotation: Any) -> list[str]:
 
 
 def _limits(info: FieldInfo) -> str:
-    signs = {limits.Gt: ("gt", ">"), limits.Ge: ("ge", "≥"), limits.Lt: ("lt", "<"),
-             limits.Le: ("le", "≤")}  # fmt: skip
-    return ", ".join(
-        f"{sign}{_FIXED}{getattr(item, name):.12g}"
+    names = {limits.Gt: ("gt", ">"), limits.Ge: ("ge", "≥"), limits.Lt: ("lt", "<"),
+             limits.Le: ("le", "≤"), limits.MultipleOf: ("multiple_of", "multiple of")}  # fmt: skip
+    return f",{_FIXED}".join(
+        f"{sign.replace(' ', _FIXED)}{_FIXED}{getattr(item, name):.12g}"
         for item in _flat(info)
-        for kind, (name, sign) in signs.items()
+        for kind, (name, sign) in names.items()
         if isinstance(item, kind)
     )
 

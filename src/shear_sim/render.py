@@ -1,6 +1,6 @@
 """Pictures and films of a job that kept snapshots: particles, and strain and stress beside them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -9,21 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.figures import style
-from shear_sim.figures.scene import Scene
+from shear_sim.figures.scene import Scene, view
 from shear_sim.models.interface import Columns, Snapshot
-from shear_sim.results import ResultsError, read_job
-from shear_sim.snapshots import read_snapshots
+from shear_sim.results import ResultsError, advising, read_job
+from shear_sim.snapshots import beside, read_snapshots
 from shear_sim.tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+    from PIL.Image import Image as Picture
 
 FloatArray = NDArray[np.float64]
 
 WIDTH, PANEL = style.DOUBLE, 2.35  # inches: of the figure, and of the curves in it
 FILM_DPI = 80
 FILM_COLOURS = 128  # fewer make smaller files
+FILM_COLOURS_EXACT = 48  # of them: the most frequent ones
 FRAME_MS = 50  # of a film
 
 
@@ -68,7 +70,8 @@ def read_kept(path: Path) -> Kept:
             "runs anew"
         )
         raise ResultsError(msg)
-    snapshots = read_snapshots(path.parent.with_name("snapshots"), path.stem)
+    with advising(path):
+        snapshots = read_snapshots(beside(path), path.stem)
     return Kept(path, table, snapshots)
 
 
@@ -131,16 +134,29 @@ def write_film(
                 artist.axes.draw_artist(artist)
             drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
             frames.append(Image.fromarray(drawn[..., :3].copy()))
-    # One palette for all, of a few of them: what changes from frame to frame are particles only.
-    few = frames[:: max(1, len(frames) // 4)]
-    sheet = Image.new("RGB", (few[0].width, few[0].height * len(few)))
-    for place, frame in enumerate(few):
-        sheet.paste(frame, (0, place * frame.height))
-    palette = sheet.quantize(
-        FILM_COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-    )
+    palette = _palette(frames[:: max(1, len(frames) // 4)])
     first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
     first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+
+
+def _palette(frames: "Sequence[Picture]") -> "Picture":
+    """Return the colours of a film, from a few of its frames: what moves are particles only.
+
+    Areas and lines have exactly their colours, which are few; what is between them is near enough.
+    """
+    from PIL import Image
+
+    sheet = np.concatenate([np.asarray(frame) for frame in frames])
+    packed = sheet.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    found, counts = np.unique(packed, return_counts=True)
+    often = found[np.argsort(-counts, kind="stable")[:FILM_COLOURS_EXACT]]
+    exact = (often[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
+    between = Image.fromarray(sheet).quantize(
+        FILM_COLOURS - len(exact), method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    )
+    made = Image.new("P", (1, 1))
+    made.putpalette([*exact.ravel().tolist(), *(between.getpalette() or [])])
+    return made
 
 
 class _Stage:
@@ -189,7 +205,8 @@ class _Stage:
 @contextmanager
 def _stage(kept: Kept, colour: str, contacts: str | None) -> Iterator[_Stage]:
     first = kept.snapshots[0]
-    shape = max(s.height / s.width for s in kept.snapshots)
+    *_, width, height = view(kept.snapshots)
+    shape = height / width
     high = min(max((WIDTH - PANEL) * shape, 3.2), 6.0)
     wide = min(WIDTH, PANEL + high / shape) if first.periodic else WIDTH
     with style.figure(wide, high) as figure:
@@ -215,10 +232,9 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
     if "period" in protocol:
         time = (columns["time"] - protocol["shear_start"]) / protocol["period"]
         return [(strain, "strain"), *stress], ("time / period", time)
+    rate = "/\\dot\\gamma" if np.ptp(strain) > 0 else "\\tau"
     pressure = _first_of(
-        columns,
-        scaled_pressure="pressure $p\\xi_0/\\dot\\gamma$",
-        pressure="pressure [Pa]",
+        columns, scaled_pressure=f"pressure $p\\xi_0{rate}$", pressure="pressure [Pa]"
     )
     if np.ptp(strain) > 0:
         return [*stress, *pressure], ("strain", strain)
@@ -228,8 +244,9 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
 
 
 def _unit(kept: Kept, colour: str) -> str:
-    scaled = "scaled_pressure" in kept.table.columns
-    return {"pressure": "" if scaled else "Pa", "spin": "1/s"}.get(colour, "")
+    if "scaled_pressure" in kept.table.columns:  # hard discs: of their path, not of the time
+        return {"speed": "λ/path"}.get(colour, "")
+    return {"pressure": "Pa", "spin": "1/s", "speed": "m/s"}.get(colour, "")
 
 
 def _first_of(columns: Columns, **labels: str) -> list[tuple[FloatArray, str]]:

@@ -1,6 +1,7 @@
 """A study on one HTML page that refers to nothing outside itself, to be mailed to a co-author."""
 
 import base64
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -68,10 +69,11 @@ def write_report(folder: Path | str, *, tensor: str | None = None) -> Path:
         If its plan is missing or damaged.
     """
     results = Results.existing(Path(folder))
+    known = results.fingerprint()  # first: results that come meanwhile may not be on the page
     tables = aggregate(results.folder, tensor=tensor)
     path = results.report_file
     try:
-        write_whole(path, page(results, tables).encode())
+        write_whole(path, f"{page(results, tables)}<!-- {known} -->\n".encode())
     except OSError as error:
         msg = f"{path}: the report cannot be written ({error})"
         raise ResultsError(msg) from error
@@ -118,7 +120,9 @@ def page(results: Results, tables: "Mapping[str, pd.DataFrame]") -> str:
 
 def _how_runs_were_made(results: Results, runs: "pd.DataFrame") -> "pd.DataFrame":
     """Return the ``run`` block of the summaries of these runs, a row each."""
-    index = results.index()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the tables were made of the same index, with its warnings
+        index = results.index()
     names = [name for name in index.column_names if name.startswith("run.")]
     made: pd.DataFrame = index.select(["job", *names]).to_pandas()
     made = made[made["job"].isin(runs["job"])].drop(columns="job")
@@ -302,8 +306,7 @@ def _study(
         yield _table("made with", [*(name.replace("_", " ") for name in columns), "runs"], rows)
     if "cpu_s" in made:
         yield f'<p class="small">{duration(float(made["cpu_s"].sum()))} of CPU in all.</p>'
-    text = results.study_file.read_text("utf-8")
-    yield f"<h3>The study file</h3><pre>{escape(text)}</pre>"
+    yield f"<h3>The study file</h3><pre>{escape(results.study_text())}</pre>"
 
 
 def _list(lines: Sequence[str]) -> str:

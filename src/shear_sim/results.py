@@ -19,6 +19,8 @@ run the same job write the same bytes.
 """
 
 import contextlib
+import hashlib
+import itertools
 import json
 import os
 import tempfile
@@ -178,17 +180,37 @@ class Results:
         TableError
             If there is no plan or it is damaged.
         """
-        if not self.plan_file.exists():
-            msg = f"{self.plan_file}: no such file: `shear-sim sweep STUDY.yaml` makes it again"
-            raise TableError(msg)
-        return read_arrow(self.plan_file), read_summary(self.plan_file)
+        try:
+            return read_arrow(self.plan_file), read_summary(self.plan_file)
+        except TableError as error:
+            msg = f"{error}: `{self.command()}` makes it"
+            raise TableError(msg) from error
+
+    def command(self) -> str:
+        """Return the command that makes what is missing in this folder."""
+        if self.program():
+            return "shear-sim import-legacy FILES --out ANOTHER"
+        return "shear-sim sweep STUDY.yaml"
+
+    def study_text(self) -> str:
+        """Return the study file as last given.
+
+        Raises
+        ------
+        ResultsError
+            If it is missing or damaged.
+        """
+        try:
+            return self.study_file.read_text("utf-8")
+        except (OSError, UnicodeError) as error:
+            msg = f"{self.study_file}: cannot be read ({error}): `{self.command()}` writes it again"
+            raise ResultsError(msg) from error
 
     def program(self) -> str | None:
         """Return the program whose runs were imported into this folder; None: they are ours."""
-        with contextlib.suppress(TableError):
-            program: str | None = read_summary(self.plan_file).get("program")
-            return program
-        return None
+        about = self._about()
+        program: str | None = about.get("program") or about.get("run", {}).get("program")
+        return program
 
     def refuse_newer(self) -> None:
         """Refuse to touch what this version does not know.
@@ -198,8 +220,7 @@ class Results:
         ResultsError
             If a newer version of the program has made these results.
         """
-        with contextlib.suppress(TableError):
-            _refuse_newer(self.folder, read_summary(self.plan_file))
+        self._about()
 
     def refuse_others(self) -> None:
         """Refuse to add runs of ours to imported ones, or to those of a newer version.
@@ -207,15 +228,36 @@ class Results:
         Raises
         ------
         ResultsError
-            If the folder holds such runs.
+            If the folder holds such runs, or nothing in it says whether it does.
         """
-        self.refuse_newer()
         if program := self.program():
             msg = (
                 f"{self.folder}: holds runs imported from {program}, to which none of ours are "
                 "added: give --results another folder"
             )
             raise ResultsError(msg)
+        if not self._about() and self.finished():
+            msg = (
+                f"{self.folder}: neither the plan nor any result can be read, so whose runs these "
+                f"are is not known: `shear-sim verify {self.folder} --remove` sets them aside, or "
+                "give --results another folder"
+            )
+            raise ResultsError(msg)
+
+    def _about(self) -> dict[str, Any]:
+        """Return what the plan says of these results, or else any result; {} if none can be read.
+
+        Raises
+        ------
+        ResultsError
+            If a newer version of the program has made them.
+        """
+        for path in itertools.chain([self.plan_file], _listing(self.jobs, ".parquet")):
+            with contextlib.suppress(TableError):
+                summary = read_summary(path)
+                _refuse_newer(path, summary)
+                return summary
+        return {}
 
     def job_file(self, job: str) -> Path:
         """Return where the result of the job with this id lies, or will lie."""
@@ -228,6 +270,15 @@ class Results:
     def stamps(self) -> dict[str, list[int]]:
         """Return size and time of change [ns] of all results, by job id, from one listing."""
         return _stamps(self.jobs, ".parquet")
+
+    def fingerprint(self) -> str:
+        """Return what changes whenever a result is added, replaced or removed."""
+        listing = json.dumps(self.stamps(), sort_keys=True)
+        return f"of results {hashlib.sha256(listing.encode()).hexdigest()}"
+
+    def snapshot_bytes(self) -> int:
+        """Return the size of all snapshots, from one listing."""
+        return sum(count for count, _ in _stamps(self.snapshots, "").values())
 
     def failures(self, finished: Collection[str] | None = None) -> dict[str, Failure]:
         """Return the failed jobs that have no result, by id; ``finished``, if it is known."""
@@ -295,7 +346,7 @@ class Results:
             # Somebody else's results may be read-only: then it is read again at the next call.
             with contextlib.suppress(OSError):
                 write_arrow(self.index_file, kept, {"format": INDEX_FORMAT})
-        _warn(damaged)
+        self._warn(damaged)
         return kept.drop_columns(["mtime_ns"])
 
     def damaged(self) -> dict[str, str]:
@@ -328,11 +379,22 @@ class Results:
         found, damaged = [], {}
         for job in jobs:
             try:
-                found.append(read_job_summary(self.job_file(job)))
+                found.append(_summary_of_job(self.job_file(job)))
             except TableError as error:
                 damaged[job] = str(error)
-        _warn(damaged)
+        self._warn(damaged)
         return found
+
+    def _warn(self, damaged: Mapping[str, str]) -> None:
+        """Warn of damaged results, given by job id with what is wrong."""
+        if damaged:
+            warnings.warn(
+                f"{len(damaged)} damaged result file(s) left out, the first: "
+                f"{next(iter(damaged.values()))}; `shear-sim verify {self.folder} --remove` sets "
+                f"them aside, then `{self.command()}` makes them again",
+                RuntimeWarning,
+                stacklevel=3,
+            )
 
     def _kept_index(self) -> "pyarrow.Table":
         """Return the index file, or an empty one where it is missing, damaged or of old format."""
@@ -363,17 +425,6 @@ def remove(folder: Path, names: Iterable[str], suffixes: Iterable[str]) -> None:
     for name in names:
         for suffix in suffixes:
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
-
-
-def _warn(damaged: Mapping[str, str]) -> None:
-    """Warn of damaged results, given by job id with what is wrong."""
-    if damaged:
-        warnings.warn(
-            f"{len(damaged)} damaged result file(s) left out, the first: "
-            f"{next(iter(damaged.values()))}; see `shear-sim verify`",
-            RuntimeWarning,
-            stacklevel=3,
-        )
 
 
 def plan_table(
@@ -435,6 +486,22 @@ def read_failure(path: Path) -> Failure:
         return Failure(path.stem, "error", f"{path} cannot be read ({error})")
 
 
+@contextlib.contextmanager
+def advising(path: Path) -> Iterator[None]:
+    """Say what to do where this result, or what belongs to it, turns out to be damaged."""
+    try:
+        yield
+    except TableError as error:
+        if path.parent.name != "jobs":
+            raise
+        results = Results(path.parents[1])
+        msg = (
+            f"{error}: `shear-sim verify {results.folder} --remove` sets it aside, then "
+            f"`{results.command()}` makes it again"
+        )
+        raise TableError(msg) from error
+
+
 def read_job_summary(path: Path) -> dict[str, Any]:
     """Read the summary of a result file.
 
@@ -445,6 +512,11 @@ def read_job_summary(path: Path) -> dict[str, Any]:
     ResultsError
         If a newer version of the program has made it.
     """
+    with advising(path):
+        return _summary_of_job(path)
+
+
+def _summary_of_job(path: Path) -> dict[str, Any]:
     summary = read_summary(path)
     if not isinstance(summary.get("job"), dict):
         msg = f"{path}: not a result file of a job: those lie in results/<study>/jobs/"
@@ -455,7 +527,7 @@ def read_job_summary(path: Path) -> dict[str, Any]:
 
 def _index_row(path: Path, stamp: Sequence[int]) -> dict[str, Any]:
     """Return the row of one result file; ``stamp`` is its size and time of change."""
-    summary = read_job_summary(path)
+    summary = _summary_of_job(path)
     job = summary["job"]
     if job["id"] != path.stem:
         msg = f"{path}: the result of another job, {job['id']}"
@@ -491,7 +563,8 @@ def read_job(path: Path) -> Table:
     TableError
         If the file is damaged or is not a result of shear-sim.
     """
-    table = Table(read_table(path).columns, read_job_summary(path))
+    with advising(path):
+        table = Table(read_table(path).columns, _summary_of_job(path))
     model = models.model(table.summary["job"]["model"])
     return Table({**table.columns, **model.derive(table.columns)}, table.summary)
 
@@ -524,6 +597,9 @@ def find_job(reference: str, root: Path) -> Path:
         msg = f"{reference}: {len(found)} jobs in {root} begin so ({first}, ...); give more letters"
         raise ResultsError(msg)
     if not found:
-        msg = f"{reference}: no such file, and no job in {root}/*/ whose id begins so"
+        msg = (
+            f"{reference}: no such file, and no job in {root}/*/ whose id begins so; "
+            "`shear-sim show results/<study>` lists the jobs of a study"
+        )
         raise ResultsError(msg)
     return found[0]

@@ -4,13 +4,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from shear_sim.results import Failure, Results, ResultsError, flatten, read_job_summary
 from shear_sim.runner import run_job
+from shear_sim.snapshots import beside, read_snapshots
 from shear_sim.study import Job
 from shear_sim.tables import Table, read_table
 from shear_sim.workers import attempt, compile_for
 
 if TYPE_CHECKING:
+    from shear_sim.models.interface import Snapshot
     from shear_sim.study import Study
 
 
@@ -69,12 +73,13 @@ def repeat(path: Path, root: Path, tell: Callable[[], None]) -> tuple[Path, list
     repeated : Path
         The new result file.
     differences : list of str
-        What is not the same to the bit; the block ``run`` (timings, machine) is not compared.
+        What is not the same to the bit, also in snapshots; the block ``run`` (timings, machine) is
+        not compared.
 
     Raises
     ------
     TableError
-        If the file is not a result.
+        If the file is not a result, or if its snapshots are missing or damaged.
     ResultsError
         If this version of the program would compute something else, or the run was imported.
     """
@@ -82,7 +87,7 @@ def repeat(path: Path, root: Path, tell: Callable[[], None]) -> tuple[Path, list
     if program := summary["run"].get("program"):
         msg = f"{path}: a run imported from {program}, which this program cannot repeat"
         raise ResultsError(msg)
-    before = read_table(path)
+    before, kept = read_table(path), _snapshots(path, summary)
     try:
         job = Job.from_json(
             {
@@ -99,7 +104,23 @@ def repeat(path: Path, root: Path, tell: Callable[[], None]) -> tuple[Path, list
     results.job_file(job.id).unlink(missing_ok=True)
     compile_for([job], tell)
     repeated = run_job(job, results.jobs)
-    return repeated, differences(before, read_table(repeated))
+    after = read_table(repeated)
+    found = differences(before, after)
+    return repeated, found + _moved(kept, _snapshots(repeated, after.summary))
+
+
+def _snapshots(path: Path, summary: dict[str, Any]) -> "list[Snapshot]":
+    return read_snapshots(beside(path), path.stem) if "snapshots" in summary else []
+
+
+def _moved(one: "list[Snapshot]", other: "list[Snapshot]") -> list[str]:
+    """Say where snapshots are not the same to the bit; how many there are is in the summaries."""
+    return [
+        f"snapshot {number}: {name}"
+        for number, (a, b) in enumerate(zip(one, other, strict=False))
+        for name, value in a._asdict().items()
+        if np.asarray(value).tobytes() != np.asarray(getattr(b, name)).tobytes()
+    ]
 
 
 def differences(one: Table, other: Table) -> list[str]:

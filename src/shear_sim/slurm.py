@@ -75,23 +75,20 @@ def record(results: Results, submission: Submission) -> None:
         raise SlurmError(msg) from error
 
 
-def submissions(results: Results) -> list[Submission]:
-    """Return what was submitted, the oldest first.
-
-    Raises
-    ------
-    SlurmError
-        If a record is damaged.
-    """
-    found = []
-    for path in results.submissions.glob("*.json"):
+def submissions(results: Results) -> tuple[list[Submission], list[str]]:
+    """Return what was submitted, the oldest first, and what is wrong with damaged records."""
+    found, problems = [], []
+    for path in sorted(results.submissions.glob("*.json")):
         try:
             content = json.loads(path.read_bytes())
-            found.append(Submission(**{**content, "tasks": tuple(content["tasks"])}))
-        except (ValueError, TypeError, KeyError) as error:
-            msg = f"{path}: cannot be read ({error}): delete it once its job has ended"
-            raise SlurmError(msg) from error
-    return sorted(found, key=lambda submission: submission.job)
+            submission = Submission(**{**content, "tasks": tuple(content["tasks"])})
+            if path.name != f"{submission.job}.json":
+                msg = "of another job number"
+                raise ValueError(msg)
+            found.append(submission)
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            problems.append(f"{path}: cannot be read ({error}): delete it once its job has ended")
+    return sorted(found, key=lambda submission: submission.job), problems
 
 
 def queue() -> list[Task] | None:
@@ -103,14 +100,15 @@ def queue() -> list[Task] | None:
     if answer is None:
         return None
     tasks = []
-    for line in answer.splitlines():
+    lines = [line for line in answer.splitlines() if line and not line.startswith("CLUSTER: ")]
+    for line in lines:
         job, *rest = line.split("|", 3)
         if job.isdecimal() and len(rest) == 3:
             index, state, reason = rest
             number = int(index) if index.isdecimal() else None  # N/A
             tasks.append(Task(int(job), number, state, reason))
-    # Nothing but other lines is no empty queue: what waits in it would be submitted again.
-    return tasks if tasks or not answer.strip() else None
+    # Nothing but warnings is no empty queue: what waits in it would be submitted again.
+    return tasks if tasks or not lines else None
 
 
 def ended(jobs: Iterable[int]) -> dict[int, Counter[str]]:
@@ -152,6 +150,7 @@ def submit(script: str) -> int:
             input=script,
             capture_output=True,
             text=True,
+            errors="surrogateescape",  # as in paths: names of folders may be in any encoding
             check=True,
         )
         return int(done.stdout.split(";")[0])

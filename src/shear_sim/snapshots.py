@@ -38,6 +38,11 @@ LOGGED = ("time", "strain", "compression", "shear_stress", "pressure", "force")
 _TYPES = ["particle", "fixed"]
 
 
+def beside(result: Path) -> Path:
+    """Return the folder with the snapshots of a result file: ``snapshots`` beside its own."""
+    return result.absolute().parent.with_name("snapshots")
+
+
 def paths(folder: Path, job: str) -> tuple[Path, Path]:
     """Return the GSD file and the contact table of a job; ``folder``: ``snapshots``."""
     return folder / f"{job}.gsd", folder / f"{job}.contacts.parquet"

@@ -1,8 +1,9 @@
 """How far a study is, and what one job found, for people and for scripts."""
 
+import json
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -15,23 +16,27 @@ SHOWN_FAILURES = 10
 SAMPLE = 200  # results that are opened to learn what a job costs; ids are random, so any will do
 RECENT_SECONDS = 3600.0  # over which the throughput is measured
 WATCH_SECONDS = 10.0
+_OF_A_PLAN = ("job", "point", "replicate", "labels")  # its columns; the others are what varies
 
 
 def read_status(results: Results) -> dict[str, Any]:
     """Return the state of a study, JSON-ready, from one listing and one question to Slurm.
 
-    ``planned`` and ``missing`` are None if the study was never planned in this folder; results
-    that the plan does not ask for are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to
-    200 jobs, ``measured_jobs``, scaled up. ``jobs_per_hour`` is that of the last hour, and
-    ``seconds_left`` follows from it. ``tasks`` are those of Slurm: None if it does not
-    answer. ``program`` is the one whose runs were imported, with no times then, or None.
+    ``problems`` are the plan or records of submissions that are missing or damaged, with what to
+    do; without a plan ``planned`` and ``missing`` are None. Results that the plan does not ask for
+    are ``orphans``. ``cpu_s`` and ``memory_mb`` are those of up to 200 jobs, ``measured_jobs``,
+    scaled up. ``jobs_per_hour`` is that of the last hour, and ``seconds_left`` follows from it.
+    ``tasks`` are those of Slurm: None if it does not answer. ``program`` is the one whose runs were
+    imported, with no times then, or None.
     """
     stamps = results.stamps()
     failures = results.failures(stamps.keys())
+    submitted, problems = slurm.submissions(results)
+    planned = None
     try:
         planned = set(results.plan()[0].column("job").to_pylist())
-    except TableError:
-        planned = None
+    except TableError as error:
+        problems.append(str(error))
     finished = stamps.keys() if planned is None else stamps.keys() & planned
     of_plan = failures if planned is None else {j: f for j, f in failures.items() if j in planned}
     missing = None if planned is None else len(planned) - len(finished) - len(of_plan)
@@ -41,6 +46,7 @@ def read_status(results: Results) -> dict[str, Any]:
     rate = _rate(changed, time.time())
     return {
         "results": str(results.folder),
+        "problems": problems,
         "program": results.program(),
         "planned": None if planned is None else len(planned),
         "done": len(finished),
@@ -50,12 +56,12 @@ def read_status(results: Results) -> dict[str, Any]:
         "checkpoints": sum(1 for _ in results.checkpoints.glob("*.pickle")),
         "measured_jobs": len(measured),
         "cpu_s": each * len(stamps),
-        "disk_bytes": sum(count for count, _ in stamps.values()),
+        "disk_bytes": sum(count for count, _ in stamps.values()) + results.snapshot_bytes(),
         "memory_mb": max((run["peak_memory_mb"] for run in measured), default=None),
         "last_finished": max(changed, default=None),
         "jobs_per_hour": rate,
         "seconds_left": 3600 * missing / rate if rate and missing else None,
-        "tasks": _tasks(results, unfinished=missing != 0),
+        "tasks": _tasks(submitted, unfinished=missing != 0),
     }
 
 
@@ -72,9 +78,10 @@ def _rate(changed: list[float], now: float) -> float | None:
     return 3600 * len(recent) / max(now - min(recent), 1.0)
 
 
-def _tasks(results: Results, *, unfinished: bool) -> list[dict[str, Any]] | None:
+def _tasks(
+    submitted: Sequence[slurm.Submission], *, unfinished: bool
+) -> list[dict[str, Any]] | None:
     """Return the job numbers of Slurm, the oldest first, with the states of their tasks."""
-    submitted = slurm.submissions(results)
     queue = slurm.queue() if submitted else []
     if queue is None:
         return None
@@ -99,6 +106,7 @@ def describe_status(status: Mapping[str, Any]) -> str:
     lines = [f"{status['results']}: {status['done']} of {total} jobs done"]
     if status["missing"] is not None:
         lines[0] += f", {len(status['failed'])} failed, {status['missing']} missing"
+    lines += [f"  {problem}" for problem in status["problems"]]
     if status["program"]:
         lines.append(f"  runs of {status['program']}, imported; {size(status['disk_bytes'])}")
     elif status["measured_jobs"]:
@@ -135,12 +143,52 @@ def describe_status(status: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def read_jobs(results: Results) -> list[dict[str, Any]]:
+    """Return the jobs of a study as last planned: scene, what varies, replicate and state each.
+
+    Sorted by these, so that what belongs together stands together.
+
+    Raises
+    ------
+    TableError
+        If there is no plan, or it is damaged.
+    """
+    finished = results.finished()
+    failed = results.failures(finished)
+    found = []
+    for row in results.plan()[0].to_pylist():
+        scenes = dict.fromkeys(scene for _, scene in json.loads(row["labels"]))
+        state = (
+            "done" if row["job"] in finished else "failed" if row["job"] in failed else "missing"
+        )
+        varied = {name: value for name, value in row.items() if name not in _OF_A_PLAN}
+        ends = {"replicate": row["replicate"], "state": state}
+        found.append({"job": row["job"], "scene": "; ".join(scenes), **varied, **ends})
+    return sorted(found, key=_place_of_job)
+
+
+def _place_of_job(job: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return what a job is sorted by: all but its id; values of a key may be of several types."""
+    _, *values = job.values()
+    return [("", "") if value is None else (type(value).__name__, value) for value in values]
+
+
+def describe_jobs(jobs: Sequence[Mapping[str, Any]]) -> str:
+    """Return the jobs of a study as lines for a person, one each."""
+    rows = [list(jobs[0]) if jobs else [], *([_shown(v) for v in job.values()] for job in jobs)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
+
+
 def watch(results: Results, show: Callable[[str], None]) -> None:
     """Show the status again and again until no job is missing."""
     while True:
         status = read_status(results)
         show(describe_status(status))
-        if not status["missing"]:
+        if status["missing"] == 0:
             return
         time.sleep(WATCH_SECONDS)
 

@@ -235,6 +235,8 @@ def load_study(path: Path | str) -> Study:
         content = path.read_bytes()
     except OSError as error:
         message = f"cannot be read ({error.strerror or error})"
+        if path.is_dir():
+            message = "a folder: give the study file, configs/<study>.yaml"
         raise StudyError(path, [Problem(path, None, "", NOTHING, message)]) from None
     return read_study(content, path)
 

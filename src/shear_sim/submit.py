@@ -16,7 +16,9 @@ from shear_sim.screen import duration
 from shear_sim.slurm import SlurmError, Submission, Task, index_list
 
 TASK_SECONDS = 1800.0  # aimed at: starting a task takes seconds, and queues like short ones
-START_SECONDS = 300.0  # kept for starting, compilation and the warning before the end
+WARNING_SECONDS = 120  # before the time limit; Slurm was 60 s early to 13 s late
+SHORTEST_MINUTES = 5  # of a time limit, so that most of it is left before the warning
+START_SECONDS = 300.0  # kept for starting, compilation and the warning
 SAFETY = 1.5  # time limit over expected duration
 LONGEST_MINUTES = 1440  # of a task, where the user gives no limit
 MOST_TASKS = 1000  # the same
@@ -48,11 +50,6 @@ class Layout:
         """Return the shares of each array, so many that indices stay below ``size``."""
         count = len(self.shares)
         return [range(start, min(start + size, count)) for start in range(0, count, size)]
-
-    @property
-    def warning(self) -> int:
-        """How long before the time limit a task is told [s]; Slurm was 60 s early to 13 s late."""
-        return min(120, 40 * self.minutes)
 
 
 def held(results: Results, submitted: list[Submission], queue: list[Task]) -> set[str]:
@@ -90,9 +87,15 @@ def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
     Raises
     ------
     PlanError
-        If nothing is measured and the user does not say what to take.
+        If nothing is measured and the user does not say what to take, or if the limit is too short.
     """
     longest = limits.minutes or LONGEST_MINUTES
+    if longest < SHORTEST_MINUTES:
+        msg = (
+            f"--time {longest}: must be at least {SHORTEST_MINUTES} minutes: tasks are warned "
+            f"{WARNING_SECONDS} s before the limit, by Slurm, which may be a minute early"
+        )
+        raise PlanError(msg)
     most = limits.max_tasks or MOST_TASKS
     cost = {
         job.id: plan.wall_s.mean(plan.points[job.id]) for job in plan.run if job.id not in taken
@@ -107,8 +110,7 @@ def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
             raise PlanError(msg)
         shares, seconds = deal(dict.fromkeys(cost, 1.0), min(most, len(cost))), None
     else:
-        # Half of a short limit: a task of seconds would be worse than a rare requeue.
-        usable = max((60 * longest - START_SECONDS) / SAFETY, 30.0 * longest, 60.0)
+        usable = (60 * longest - WARNING_SECONDS) / SAFETY
         shares = divide(known, most, min(TASK_SECONDS, usable))
         seconds = max((sum(known[job] for job in share) for share in shares), default=0.0)
         longest = min(longest, 5 * ceil((SAFETY * seconds + START_SECONDS) / 300))
@@ -126,7 +128,7 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
         "array": index_list(range(len(part))),
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
-        "signal": f"B:USR1@{layout.warning}",
+        "signal": f"B:USR1@{WARNING_SECONDS}",
         "output": _log(plan, "slurm-%A_%a.log"),
     }
     index = f"$((SLURM_ARRAY_TASK_ID + {part.start}))" if part.start else "$SLURM_ARRAY_TASK_ID"
@@ -134,9 +136,8 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
     command = _command(
         "sweep", plan.study.path.absolute(), "--results", _root(plan), "--division", division
     )
-    more = " --retry-failed" if any(f.kind == "physics" for f in plan.again.values()) else ""
     shard = f'--shard "{index}/{len(layout.shares)}"'
-    return _script(plan, limits, resources, f"{command} {shard}{more}")
+    return _script(plan, limits, resources, f"{command} {shard}")
 
 
 def aggregation_script(plan: Plan, limits: Limits, after: list[str]) -> str:
@@ -161,7 +162,7 @@ def _log(plan: Plan, name: str) -> str:
         If Slurm cannot write into a folder of that name.
     """
     folder = str(plan.results.logs.absolute())
-    if "\\" in folder or not folder.isprintable():
+    if "\\" in folder or "\n" in folder:
         msg = (
             f"{folder!r}: Slurm writes no logs to a folder with a backslash or a line break in its "
             "name: rename the study, or give another folder with --results"
@@ -210,11 +211,14 @@ def submit(
     PlanError
         If nothing is measured and the user does not say what to take.
     SlurmError
-        If Slurm does not answer or refuses a script; says what is queued already.
+        If Slurm does not answer or refuses a script, or if the record of an earlier submission is
+        damaged; says what is queued already.
     ResultsError
         If the results cannot be written.
     """
-    before = slurm.submissions(plan.results)
+    before, problems = slurm.submissions(plan.results)
+    if problems:
+        raise SlurmError(problems[0])
     queue = slurm.queue()
     if queue is None and before:
         msg = "squeue does not answer, so what is queued already is not known: try again later"
@@ -242,6 +246,11 @@ def submit(
     plan.results.prepare(plan.study)
     if arrays:
         _keep_division(plan.results, layout)
+        # Jobs to be tried again are new to their tasks. Had these to be told so, by --retry-failed,
+        # they would try again at every requeue.
+        for job in plan.again.keys() & {job for share in layout.shares for job in share}:
+            if plan.again[job].kind == "physics":
+                plan.results.forget_failure(job)
     numbers: list[int] = []
     try:
         for part in arrays:
@@ -287,12 +296,11 @@ def _keep_division(results: Results, layout: Layout) -> None:
 
 def _report_is_old(plan: Plan) -> bool:
     """Tell whether there are results, or an edit of the study, that the report does not know."""
-    study = plan.results.study_file
+    study, report = plan.results.study_file, plan.results.report_file
     if study.exists() and study.read_bytes() != plan.study.text.encode():
         return True
-    changed = max((when for _, when in plan.results.stamps().values()), default=0)
-    report = plan.results.report_file
-    return changed > (report.stat().st_mtime_ns if report.exists() else 0)
+    known = plan.results.fingerprint().encode()
+    return plan.done > 0 and not (report.exists() and known in report.read_bytes())
 
 
 def describe(layout: Layout, arrays: int) -> str:
@@ -303,6 +311,6 @@ def describe(layout: Layout, arrays: int) -> str:
         f"{sum(map(len, layout.shares))} jobs: {expected}, "
         f"limit {duration(60 * layout.minutes)}, {layout.memory_mb} MB each"
     )
-    if layout.seconds is not None and layout.seconds > 60 * layout.minutes - layout.warning:
+    if layout.seconds is not None and layout.seconds > 60 * layout.minutes - WARNING_SECONDS:
         line += "; longer than the limit: tasks will be requeued and go on"
     return line

@@ -22,6 +22,7 @@ from shear_sim.results import Results
 from shear_sim.tables import read_table
 
 ROOT = Path(__file__).parents[2]
+SBATCH = ("sbatch", "--parsable")
 SECONDS = 300.0  # a busy machine is no reason to fail
 
 
@@ -71,35 +72,40 @@ def one(tmp_path_factory):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def limited(user, tmp_path_factory):
+def limited(cluster, user, tmp_path_factory):
     """One job of 40 s under a time limit of a minute, of which a warning takes the half.
 
-    It runs beside the other tests, on the node apart.
+    Submitted by hand: `submit` takes no limit as short as that. It runs beside the other tests, on
+    the node apart.
     """
-    folder = tmp_path_factory.mktemp("limited")
-    study = write_one_job(folder, seconds=40)
-    given = ("--time", 1, "--max-tasks", 1, "--partition", "apart")
-    code, output = run(user, "submit", study, "--results", folder, *given)
-    assert code == 0, output
-    return Results(folder / "study")
+    folder = clone(tmp_path_factory.mktemp("limited"), user)
+    write_one_job(folder, seconds=40)
+    given = ("--array=0", "--time=1", "--signal=B:USR1@40", "--partition=apart")
+    array = cluster.ask(*SBATCH, *given, "slurm/sweep.sbatch", "study.yaml", cwd=folder)
+    return array, Results(folder / "results/study")
+
+
+def clone(folder, user):
+    """Make a clone of the project, whose .venv is not active."""
+    for name in ("slurm", "configs"):
+        shutil.copytree(ROOT / name, folder / name)
+    command = folder / ".venv/bin/shear-sim"
+    command.parent.mkdir(parents=True)
+    path = user["PYTHONPATH"]
+    command.write_text(f'#!/bin/sh\nPYTHONPATH={path} exec {sys.executable} -m shear_sim "$@"\n')
+    command.chmod(0o755)
+    return folder
 
 
 def tasks(folder):
-    return [each for each in slurm.submissions(Results(folder)) if each.kind == "array"]
+    return [each for each in slurm.submissions(Results(folder))[0] if each.kind == "array"]
 
 
-def test_an_array_by_hand_finds_its_environment_and_changes_no_bit(cluster, tmp_path, quick):
+def test_an_array_by_hand_finds_its_environment_and_changes_no_bit(cluster, user, tmp_path, quick):
     """As a user types it in a clone whose .venv is not active."""
-    for name in ("slurm", "configs"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    command = tmp_path / ".venv/bin/shear-sim"
-    command.parent.mkdir(parents=True)
-    path = ":".join(sys.path)
-    command.write_text(f'#!/bin/sh\nPYTHONPATH={path} exec {sys.executable} -m shear_sim "$@"\n')
-    command.chmod(0o755)
-    sbatch = ("sbatch", "--parsable")
+    clone(tmp_path, user)
     script = ("slurm/sweep.sbatch", "configs/quick.yaml")
-    array = cluster.ask(*sbatch, "--array=0-1", *script, cwd=tmp_path)
+    array = cluster.ask(*SBATCH, "--array=0-1", *script, cwd=tmp_path)
     wait_until(lambda: cluster.ended(array), SECONDS)
     logs = sorted(tmp_path.glob(f"shear-sim-{array}_*.log"))
     assert [path.read_text().count("20 of 20 jobs done (20 now") for path in logs] == [1] * 2
@@ -107,7 +113,7 @@ def test_an_array_by_hand_finds_its_environment_and_changes_no_bit(cluster, tmp_
     assert_same(quick, results)
     for job in sorted(results.finished())[1::2]:
         results.job_file(job).unlink()
-    again = cluster.ask(*sbatch, "--array=1", *script, "2", cwd=tmp_path)
+    again = cluster.ask(*SBATCH, "--array=1", *script, "2", cwd=tmp_path)
     wait_until(lambda: cluster.ended(again), SECONDS)
     assert "20 of 20 jobs done (20 now" in (tmp_path / f"shear-sim-{again}_1.log").read_text()
     assert_same(quick, results)
@@ -140,7 +146,7 @@ def test_the_quick_study_survives_a_dead_node_and_is_reported(cluster, user, tmp
 
 def all_ended(cluster, results):
     """Tell whether nothing of what was submitted for these results waits or runs."""
-    return all(cluster.ended(str(each.job)) for each in slurm.submissions(results))
+    return all(cluster.ended(str(each.job)) for each in slurm.submissions(results)[0])
 
 
 def running_on(cluster, array):
@@ -214,7 +220,8 @@ def test_orphans_of_a_dead_daemon_do_no_harm(cluster, user, tmp_path, fast_many)
 
 def test_a_job_longer_than_its_time_limit_goes_on_to_the_same_bits(cluster, limited, one):
     """Warned by Slurm itself, and requeued as often as it takes."""
-    wait_until(lambda: all_ended(cluster, limited), SECONDS)
-    [job] = limited.finished()
-    assert read_table(limited.job_file(job)).summary["run"]["resumed"] >= 1
-    assert_same_but_for_the_wait(one, limited)
+    array, results = limited
+    wait_until(lambda: cluster.ended(array), SECONDS)
+    [job] = results.finished()
+    assert read_table(results.job_file(job)).summary["run"]["resumed"] >= 1
+    assert_same_but_for_the_wait(one, results)

@@ -146,7 +146,7 @@ def make_tables(
     seed, paired = int(study["seed"]), bool(study.get("paired", True))
     points = [models.model(kind).POINT for kind in study["models"]]
     parameters = [describe_parameter(points, key) for key in study["varied"]]
-    planned = labelled(plan.to_pandas(), _scene_order(results.study_file))
+    planned = labelled(plan.to_pandas(), _scene_order(results))
     waves, facts = Waves(index, tensor), _without_lists(index)
     measured = [item for kind in study["models"] for item in models.model(kind).MEASURED]
     runs = runs_table(planned, facts, parameters, waves, tensor, measured)
@@ -211,11 +211,12 @@ def _contact_laws(kinds: "list[str]", runs: "pd.DataFrame") -> "pd.DataFrame | N
     return None
 
 
-def _scene_order(study_file: Path) -> list[str]:
+def _scene_order(results: Results) -> list[str]:
     """Return the scenes in the order of the study file: the one that its author thinks in."""
     from shear_sim.document import read_yaml
 
-    scenes = read_yaml(study_file.read_bytes(), study_file).data.get("scenes") or {}
+    text = results.study_text().encode()
+    scenes = read_yaml(text, results.study_file).data.get("scenes") or {}
     return list(scenes)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from shear_sim.models.interface import Column
 from shear_sim.results import FORMAT
-from shear_sim.tables import read_arrow, read_summary, write_arrow, write_whole
+from shear_sim.tables import TableError, read_arrow, read_summary, write_arrow, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,7 +113,11 @@ def load(path: Path) -> "pd.DataFrame":
     TableError
         If it is missing or damaged.
     """
-    table = read_arrow(path)
+    try:
+        table = read_arrow(path)
+    except TableError as error:
+        msg = f"{error}: `shear-sim aggregate RESULTS` makes it again"
+        raise TableError(msg) from error
     frame: pd.DataFrame = table.to_pandas()
     about = {key: value for key, value in read_summary(path).items() if key != "format"}
     metadata = {field.name: field.metadata or {} for field in table.schema}

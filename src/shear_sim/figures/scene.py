@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.looks import Colour, Contacts
 from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.snapshots import clusters
 
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-COLOURS = ("particle", "pressure", "spin", "displacement")
-CONTACTS = ("state", "force", "none")
-
 # Tints that letters and lines are seen on; neighbours get different ones.
 _TINTS = ("#a6cee3", "#fdd7a5", "#b8dfb1", "#d9c3e4", "#f6bcbc", "#e9e29c", "#b5ddd8", "#dcc4ad")
 _LARGE, _SMALL, _FIXED, _EDGE = "#a9c9e2", "#f6d3a8", "#9a9a9a", "#5a6470"
@@ -34,12 +32,14 @@ _DIMMED = 0.62  # of white in what lies outside of the cell
 _CORNERS = 36  # of a disc; half as many where it is small
 _SMALL_DISC = 7.0  # points: smaller ones have no edges, and contacts are drawn as forces
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a shell
+_ON_SHELL = 0.9  # points: its width
 _MARGIN = 0.7  # around the cell, in largest diameters
 _ALIKE = 1.2  # ratio of radii under which discs count as equal
 _FULL = 98.0  # percentile that takes the end of a colour scale
 _TITLES = {
     "pressure": "pressure of a particle",
     "spin": "spin",
+    "speed": "speed",
     "displacement": "non-affine displacement\n[mean diameters]",
 }
 
@@ -56,11 +56,16 @@ class Scene:
         Of one job: colours mean the same in all of them.
     strain : (len(snapshots),)
         Imposed strain at each.
-    colour : str
-        Of `COLOURS`. ``particle``: its cluster of links; large or small where there are none.
+    colour : Colour or str
+        ``particle``: its cluster of links; large or small where there are none.
         ``displacement``: from the affine image of where it was in the first snapshot.
-    contacts : str, optional
-        Of `CONTACTS`; default: what can be seen.
+    contacts : Contacts or str, optional
+        Default: what can be seen.
+
+    Raises
+    ------
+    ValueError
+        If one of both is no such word.
     """
 
     def __init__(
@@ -73,14 +78,12 @@ class Scene:
     ) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
 
-        self.axis, self.snapshots, self.colour = axis, snapshots, colour
+        self.axis, self.snapshots, self.colour = axis, snapshots, Colour(colour)
         first = snapshots[0]
         self._shell = _is_shell(first)
-        margin = 2 * _MARGIN * float(first.radius.max()) if first.periodic else 0.0
-        self.width = max(s.width for s in snapshots) + 2 * margin
-        self.height = max(s.height for s in snapshots) + 2 * margin
-        self._margin = margin
-        axis.set(xlim=(-margin, self.width - margin), ylim=(-margin, self.height - margin))
+        self._left, self._bottom, self.width, self.height = view(snapshots)
+        axis.set(xlim=(self._left, self._left + self.width))
+        axis.set(ylim=(self._bottom, self._bottom + self.height))
         axis.set(aspect="equal", xticks=[], yticks=[])
         axis.grid(visible=False)
         for side in axis.spines.values():
@@ -92,7 +95,7 @@ class Scene:
         inches = min(room.width * across / self.width, room.height * down / self.height)
         self.point = 72 * inches  # per unit of length
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
-        self.contacts = contacts or self._readable(first)
+        self.contacts = Contacts(contacts or self._readable(first))
         self._tints = particle_tints(first)
         self._values = self._coloured(strain)
         self._scale = _limits(self._values, colour)
@@ -131,6 +134,8 @@ class Scene:
             return [particle_pressure(s) for s in self.snapshots]
         if self.colour == "spin":
             return [s.spin for s in self.snapshots]
+        if self.colour == "speed":
+            return [np.hypot(*s.velocity.T) for s in self.snapshots]
         if self.colour == "displacement":
             size = 2 * float(first.radius.mean())
             return [
@@ -163,7 +168,7 @@ class Scene:
 
         name, low, high = {
             "pressure": ("YlOrBr", 0.0, 0.72), "spin": ("RdBu", 0.12, 0.88),
-            "displacement": ("YlGnBu", 0.0, 0.75),
+            "speed": ("YlGnBu", 0.0, 0.75), "displacement": ("YlGnBu", 0.0, 0.75),
         }[self.colour]  # fmt: skip
         return ListedColormap(colormaps[name](np.linspace(low, high, 256)))
 
@@ -202,8 +207,8 @@ class Scene:
             shown += [line(_SLIDES, "contact that slides")] * slides
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self._values else _PUSH
-            way = "long" if self._shell else "wide"
-            shown += [line(push, f"push, as {way} as strong")]
+            way = "length: force / largest" if self._shell else "width: force / mean"
+            shown += [line(push, f"push; {way}")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self.snapshots)
         if not shown:
             return None
@@ -254,8 +259,9 @@ class Scene:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return which images of which points (N, 2) are within the picture, or ``reach`` of it."""
         there = place[:, None] + moves
-        low, high = -self._margin - reach, np.array([self.width, self.height]) - self._margin
-        seen = ((there > low) & (there < high + reach)).all(axis=2)
+        low = np.array([self._left, self._bottom])
+        high = low + np.array([self.width, self.height])
+        seen = ((there > low - reach) & (there < high + reach)).all(axis=2)
         who, move = np.nonzero(seen)
         return who, move
 
@@ -282,7 +288,6 @@ class Scene:
             strong = np.where(s.kind == LINK, 0.0, strong)
         mean = float(strong[strong > 0].mean()) if (strong > 0).any() else 1.0
         thick = np.minimum(0.1 * strong / mean, 0.4) * max(self.diameter, 3.0)
-        use = thick > 0.04
         push = _PUSH_ON_SCALE if self._values else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
@@ -290,9 +295,10 @@ class Scene:
         if self._shell:  # thin: what presses on it reaches into it
             away = s.separation / np.hypot(*s.separation.T)[:, None]
             from_i = (
-                to_j
-                - away * (_INTO_SHELL * s.height * strong / strong.max(initial=1e-300))[:, None]
+                to_j - away * (_INTO_SHELL * s.width * strong / strong.max(initial=1e-300))[:, None]
             )
+            thick[strong > 0] = _ON_SHELL
+        use = thick > 0.04
         segments = np.stack([from_i, to_j], axis=1)
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 
@@ -330,6 +336,23 @@ class Scene:
         corners = np.array([[0, 0], [s.width, 0], [s.width, s.height], [0, s.height], [0, 0]])
         self._own.set_segments([corners])
         self._cell.set_segments([corners + move for move in moves[1:]])
+
+
+def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
+    """Return left, bottom, width and height of what a picture of these snapshots shows.
+
+    The cell with a rim of its images; without images what is between the walls.
+    """
+    first = snapshots[0]
+    wide, high = max(s.width for s in snapshots), max(s.height for s in snapshots)
+    if first.periodic:
+        rim = 2 * _MARGIN * float(first.radius.max())
+        return -rim, -rim, wide + 2 * rim, high + 2 * rim
+    floors = [w[2] for s in snapshots for w in s.walls if w[1] > 0.5] or [0.0]
+    lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
+    rim = 0.02 * wide
+    bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
+    return 0.0, bottom, wide, top - bottom
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
@@ -451,7 +474,7 @@ def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
     low, high = (float(p) for p in np.percentile(everything, [100 - _FULL, _FULL]))
     if colour == "spin":
         low, high = -max(-low, high), max(-low, high)
-    elif colour == "displacement":
+    elif colour in {"speed", "displacement"}:
         low = 0.0
     return (low, high) if low < high else (low, low + 1.0)
 

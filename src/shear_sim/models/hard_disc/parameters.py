@@ -18,14 +18,18 @@ class HardDiscWalls(Section):
 
     kind: Annotated[
         Literal["none", "floor", "hopper"],
-        Field(description="floor: a row at y = 0. hopper: two rows that leave an orifice"),
+        Field(description="floor: a row at y = 0. hopper: two rows that leave an orifice; paper I"),
     ] = "none"
     orifice: Annotated[
-        float | None, Field(gt=0, description="its width [mean small diameters]; default: 4")
+        float | None, Field(gt=0, description="its width [mean small diameters]; default: 4; ours")
     ] = None
     angle: Annotated[
         float | None,
-        Field(ge=0, le=80, description="of the rows against the horizontal [degrees]; default: 45"),
+        Field(
+            ge=0,
+            le=80,
+            description="of the rows against the horizontal [degrees]; default: 45; ours",
+        ),
     ] = None
 
     @model_validator(mode="after")
@@ -42,39 +46,53 @@ class HardDiscPacking(Section):
 
     start: Annotated[
         Literal["random", "file"],
-        Field(description="file: the state in `file`; no other key here counts then"),
+        Field(description="file: the state in `file`; no other key here counts then; ours"),
     ] = "random"
     file: Annotated[
         Path | None,
-        Field(strict=False, description="JSON beside the study: the block `state` of a summary"),
+        Field(
+            strict=False, description="JSON beside the study: the block `state` of a summary; ours"
+        ),
     ] = None
     file_digest: str | None = None
-    discs: Annotated[int, Field(ge=2, le=100_000, description="N; ⌈N/2⌉ are large")] = 64
+    discs: Annotated[int, Field(ge=2, le=100_000, description="N; ⌈N/2⌉ are large; paper V A")] = 64
     body: Annotated[
         Literal["disc", "triangle", "chain"],
         Field(
             description="triangle: three touching discs, rigid. chain: a row of touching discs, "
-            "which bends. Large and small bodies, half of each"
+            "which bends. Large and small bodies, half of each; paper V C"
         ),
     ] = "disc"
-    beads: Annotated[int | None, Field(ge=2, le=100, description="of a chain; default: 3")] = None
-    aspect_ratio: Annotated[float, Field(ge=0.1, le=10, description="cell height / width")] = 1.0
+    beads: Annotated[
+        int | None, Field(ge=2, le=100, description="of a chain; default: 3; ours")
+    ] = None
+    aspect_ratio: Annotated[
+        float, Field(ge=0.1, le=10, description="cell height / width; ours")
+    ] = 1.0
     walls: HardDiscWalls = HardDiscWalls()
     packing_fraction: Annotated[
         float,
         Field(
-            gt=0, le=0.907, description="φ = Σ π a_i² / cell area [-] at the start, not in percent"
+            gt=0,
+            le=0.907,
+            description="φ = Σ π a_i² / cell area [-] at the start, not in percent; paper V A",
         ),
         PERCENT,
     ] = 0.8
-    size_ratio: Annotated[float, Field(ge=1, le=5, description="large radius / small radius")] = 1.4
+    size_ratio: Annotated[
+        float, Field(ge=1, le=5, description="large radius / small radius; paper V A")
+    ] = 1.4
     polydispersity: Annotated[
         float,
-        Field(ge=0, le=0.5, description="radii are uniform within this fraction of their mean"),
+        Field(
+            ge=0,
+            le=0.5,
+            description="radii are uniform within this fraction of their mean; paper V A",
+        ),
         PERCENT,
     ] = 0.03
     attempts: Annotated[
-        int, Field(ge=1, description="random positions to try for a start without overlap")
+        int, Field(ge=1, description="random positions to try for a start without overlap; ours")
     ] = 20
 
     @property
@@ -125,11 +143,13 @@ class HardDisc(Section):
 
     kind: Literal["hard_disc"] = "hard_disc"
     mobility: Annotated[
-        float, Field(gt=0, description="ξ₀, velocity per force on a disc [1/(Pa s)]")
+        float, Field(gt=0, description="ξ₀, velocity per force on a disc [1/(Pa s)]; paper (6)")
     ] = 1.0
     mobility_exponent: Annotated[
         float,
-        Field(ge=0, le=4, description="n: ξ = ξ₀ (mean small radius / radius)ⁿ; 1: Stokes drag"),
+        Field(
+            ge=0, le=4, description="n: ξ = ξ₀ (mean small radius / radius)ⁿ; 1: Stokes drag; HD.1"
+        ),
     ] = 0.0
 
 
@@ -137,26 +157,40 @@ class HardDiscSteadyShear(Section):
     """Steady shear: at fixed area or pressure, with imposed compression, or at fixed stress."""
 
     kind: Literal["steady"]
-    strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]")] = 1.0
+    strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]; paper V A")] = (
+        1.0
+    )
     strain_rate: Annotated[
-        Positive, Field(description="γ̇ [1/s]: sets the units of time and stress, nothing else")
+        Positive,
+        Field(description="γ̇ [1/s]: sets the units of time and stress, nothing else; paper II D"),
     ] = 1.0
     scaled_pressure: Annotated[
         float | None,
-        Field(gt=0, description="p ξ₀/γ̇ [-], which the area of the cell keeps; none: fixed area"),
+        Field(
+            gt=0,
+            description="p ξ₀/γ̇ [-], which the area of the cell keeps; none: fixed area; "
+            "paper (24)",
+        ),
     ] = None
     compression_ratio: Annotated[
-        float, Field(ge=-100, le=100, description="κ: imposed rate of compression of lengths / γ̇")
+        float,
+        Field(
+            ge=-100, le=100, description="κ: imposed rate of compression of lengths / γ̇; paper (20)"
+        ),
     ] = 0.0
     shear_stress: Annotated[
         float | None,
-        Field(gt=0, description="imposed σ [Pa]: the strain rate follows; records are by strain"),
+        Field(
+            gt=0,
+            description="imposed σ [Pa]: the strain rate follows; records are by strain; "
+            "paper (30)",
+        ),
     ] = None
     highest_rate: Annotated[
-        Positive, Field(description="of a flow at fixed stress, largest γ̇ / (σ ξ₀)")
+        Positive, Field(description="of a flow at fixed stress, largest γ̇ / (σ ξ₀); ours")
     ] = 100.0
     transient: Annotated[
-        Fraction, Field(description="part of the strain before means are taken")
+        Fraction, Field(description="part of the strain before means are taken; ours")
     ] = 0.3
 
     @model_validator(mode="after")
@@ -190,10 +224,14 @@ class HardDiscCompression(Section):
     compression: Annotated[
         float,
         AfterValidator(_not_zero),
-        Field(ge=-2, le=2, description="ln(length before / after) of the cell; < 0 decompresses"),
+        Field(
+            ge=-2,
+            le=2,
+            description="ln(length before / after) of the cell; < 0 decompresses; paper IV D",
+        ),
     ] = 0.1
     rate: Annotated[
-        Positive, Field(description="its rate [1/s]: sets the units of time and stress")
+        Positive, Field(description="its rate [1/s]: sets the units of time and stress; paper II D")
     ] = 1.0
 
 
@@ -202,19 +240,23 @@ class HardDiscOscillatoryShear(Section):
 
     kind: Literal["oscillatory"] = "oscillatory"
     strain_amplitude: Annotated[
-        float, Field(gt=0, le=5, description="A [-], not in percent"), PERCENT
+        float, Field(gt=0, le=5, description="A [-], not in percent; ours"), PERCENT
     ] = 0.2
     period: Annotated[
-        Positive, Field(description="T [s]: sets the units of time and stress, nothing else")
+        Positive,
+        Field(description="T [s]: sets the units of time and stress, nothing else; paper II D"),
     ] = 1.0
-    periods: Annotated[int, Field(ge=1, description="whole periods")] = 3
+    periods: Annotated[int, Field(ge=1, description="whole periods; ours")] = 3
 
 
 TimeUnit = Annotated[
-    Positive, Field(description="τ [s]: sets the units of time and stress, nothing else")
+    Positive,
+    Field(description="τ [s]: sets the units of time and stress, nothing else; paper II D"),
 ]
-Duration = Annotated[Positive, Field(description="of the run [τ]")]
-Transient = Annotated[Fraction, Field(description="part of the duration before means are taken")]
+Duration = Annotated[Positive, Field(description="of the run [τ]; paper V B")]
+Transient = Annotated[
+    Fraction, Field(description="part of the duration before means are taken; ours")
+]
 
 
 class HardDiscSelfPropulsion(Section):
@@ -223,7 +265,8 @@ class HardDiscSelfPropulsion(Section):
     kind: Literal["self_propelled"]
     duration: Duration = 50.0
     persistence: Annotated[
-        Positive, Field(description="a force lasts a time uniform between 0 and this [τ]")
+        Positive,
+        Field(description="a force lasts a time uniform between 0 and this [τ]; paper V B"),
     ] = 10.0
     force: Annotated[
         Literal["uniform", "fixed"],
@@ -239,7 +282,8 @@ class HardDiscBodyForce(Section):
     kind: Literal["body_force"]
     duration: Duration = 50.0
     inclination: Annotated[
-        float, Field(ge=-180, le=180, description="of the floor [degrees]; 0: straight down, −y")
+        float,
+        Field(ge=-180, le=180, description="of the floor [degrees]; 0: straight down, −y; paper I"),
     ] = 0.0
     time_unit: TimeUnit = 1.0
     transient: Transient = 0.3
@@ -248,11 +292,13 @@ class HardDiscBodyForce(Section):
 class HardDiscStage(Section):
     """One drive and how long it lasts."""
 
-    shear: Annotated[int, Field(ge=-1, le=1, description="direction of the shear; 0: none")] = 0
+    shear: Annotated[
+        int, Field(ge=-1, le=1, description="direction of the shear; 0: none; HD.1")
+    ] = 0
     compression: Annotated[
-        float, Field(ge=-10, le=10, description="rate of compression of lengths, per path")
+        float, Field(ge=-10, le=10, description="rate of compression of lengths, per path; HD.1")
     ] = 0.0
-    length: Annotated[Positive, Field(description="of path: strain |γ|, or time where none")]
+    length: Annotated[Positive, Field(description="of path: strain |γ|, or time where none; ours")]
 
 
 class HardDiscStages(Section):
@@ -264,7 +310,8 @@ class HardDiscStages(Section):
     kind: Literal["stages"]
     stages: Annotated[tuple[HardDiscStage, ...], Field(min_length=1, strict=False)]
     rate: Annotated[
-        Positive, Field(description="path per time [1/s]: sets the units of time and stress")
+        Positive,
+        Field(description="path per time [1/s]: sets the units of time and stress; paper II D"),
     ] = 1.0
 
     @property
@@ -289,12 +336,15 @@ class HardDiscIntegrator(Section):
     scheme: Annotated[
         Literal["events", "time_steps"],
         Field(
-            description="events: exact. time_steps: one problem per step, first order, no overlap"
+            description="events: exact. time_steps: one problem per step, first order, no overlap; "
+            "HD.7"
         ),
     ] = "events"
     strain_step: Annotated[
         float | None,
-        Field(gt=0, le=0.01, description="of time_steps, at most; whole steps between records"),
+        Field(
+            gt=0, le=0.01, description="of time_steps, at most; whole steps between records; ours"
+        ),
     ] = None
 
     @model_validator(mode="after")

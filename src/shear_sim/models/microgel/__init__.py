@@ -1,6 +1,7 @@
 """Microgel: bidisperse visco-elastic discs, with friction and permanent crosslinks.
 
 Source: Braschler's particleShear manual, parts 1 to 4 (equations S1-…, tables S2-…, S4-…).
+
 Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``simulation``,
 ``preparation``.
 """

@@ -42,9 +42,15 @@ class PlateauLaw(Section):
     """Sponge-like discs: a softer slope between two distances, section 4.3.3 of part 2."""
 
     kind: Literal["plateau"]
-    begin: Annotated[float, Field(gt=0, lt=1, description="lower end of the plateau, d/D")] = 0.3
-    end: Annotated[float, Field(gt=0, le=1, description="upper end of the plateau, d/D")] = 0.8
-    slope: Annotated[float, Field(ge=0, le=1, description="slope relative to the linear law")] = 0.1
+    begin: Annotated[
+        float, Field(gt=0, lt=1, description="lower end of the plateau, d/D; section 4.3.3")
+    ] = 0.3
+    end: Annotated[
+        float, Field(gt=0, le=1, description="upper end of the plateau, d/D; section 4.3.3")
+    ] = 0.8
+    slope: Annotated[
+        float, Field(ge=0, le=1, description="slope relative to the linear law; section 4.3.3")
+    ] = 0.1
     repulsion: Repulsion = 1.0
 
     @model_validator(mode="after")
@@ -70,7 +76,8 @@ class CustomLaw(Section):
 
     kind: Literal["custom"]
     file: Annotated[
-        Path | None, Field(strict=False, description="Python file beside the study file")
+        Path | None,
+        Field(strict=False, description="Python file beside the study file; section 4.3.2"),
     ] = None
     source: Annotated[
         str | None, Field(description="its text; filled in when the study is read")
@@ -147,34 +154,36 @@ class Links(Section):
         Literal["cells", "lines", "bulk", "none", "file"],
         Field(
             description="cells of random points, straight lines, bulk (one uncut network), none "
-            "(no links: loose discs), file (the links of the start file)"
+            "(no links: loose discs), file (the links of the start file); S2-1"
         ),
     ] = "cells"
-    cuts: Annotated[int, Field(ge=1, description="number of random points or of lines")] = 5
+    cuts: Annotated[int, Field(ge=1, description="number of random points or of lines; S2-1")] = 5
     edge_fuzziness: Annotated[
-        NonNegative, Field(description="cells: noise on the distances, in large radii")
+        NonNegative, Field(description="cells: noise on the distances, in large radii; S2-1")
     ] = 0.0
     avoid_angle: Annotated[
         float,
-        Field(ge=0, lt=90, description="lines: smallest angle to the horizontal [degrees]"),
+        Field(ge=0, lt=90, description="lines: smallest angle to the horizontal [degrees]; S2-1"),
     ] = 15.0
-    cut_top_bottom: Annotated[bool, Field(description="also cut along the top and bottom edge")] = (
-        False
-    )
+    cut_top_bottom: Annotated[
+        bool, Field(description="also cut along the top and bottom edge; S2-1")
+    ] = False
     avoid_height_spanning: Annotated[
-        bool, Field(description="draw the cut again while a particle spans the cell's height")
+        bool, Field(description="draw the cut again while a particle spans the cell's height; S2-1")
     ] = True
     remove_fraction: Annotated[
         Fraction,
-        Field(description="fraction to remove of the links that no particle needs to stay whole"),
+        Field(
+            description="fraction to remove of the links that no particle needs to stay whole; S2-1"
+        ),
     ] = 0.0
     join_isolated: Annotated[
-        bool, Field(description="link a disc without links to a neighbour")
+        bool, Field(description="link a disc without links to a neighbour; ours")
     ] = True
-    normal_factor: Annotated[Positive, Field(description="k of links / k, eq. S1-8")] = 1.0
-    tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T")] = 1.0
+    normal_factor: Annotated[Positive, Field(description="k of links / k, eq. S1-8, S2-1")] = 1.0
+    tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T; S2-1")] = 1.0
     stretched_tangential_dashpot: Annotated[
-        bool, Field(description="tangential dashpot of links longer than r_i + r_j")
+        bool, Field(description="tangential dashpot of links longer than r_i + r_j; ours")
     ] = True
 
     @model_validator(mode="after")
@@ -194,8 +203,8 @@ class Links(Section):
 class Contacts(Section):
     """Reinforcement of the transient contacts against the links."""
 
-    normal_factor: Annotated[Positive, Field(description="k of contacts / k")] = 1.0
-    tangential_factor: Annotated[Positive, Field(description="k_T of contacts / k_T")] = 1.0
+    normal_factor: Annotated[Positive, Field(description="k of contacts / k; S2-1")] = 1.0
+    tangential_factor: Annotated[Positive, Field(description="k_T of contacts / k_T; S2-1")] = 1.0
 
 
 class Damping(Section):
@@ -203,12 +212,12 @@ class Damping(Section):
 
     decay: Annotated[
         float,
-        Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none"),
+        Field(gt=0, le=1, description="factor on the velocity per period T; 1 is none; S2-1"),
         PERCENT,
     ] = 0.5
     spin: Annotated[
         Literal["flow", "zero", "none"],
-        Field(description="spins decay towards the flow's rotation −γ̇/2, towards 0, or not"),
+        Field(description="spins decay towards the flow's rotation −γ̇/2, towards 0, or not; ours"),
     ] = "flow"
 
 
@@ -220,7 +229,7 @@ class Microgel(Section):
         8000.0
     )
     friction: Annotated[
-        float, Field(ge=0, description="Coulomb μ [-], of contacts, not of links")
+        float, Field(ge=0, description="Coulomb μ [-], of contacts, not of links; S1-1b")
     ] = 0.01
     relative_viscosity: Annotated[NonNegative, Field(description="η / √(⟨m⟩ k) [-], eq. S1-9")] = (
         0.1
@@ -233,7 +242,7 @@ class Microgel(Section):
         Literal["coulomb", "reset"],
         Field(
             description="coulomb: a sliding contact keeps its spring on the Coulomb surface. "
-            "reset: the historical two-visit rule."
+            "reset: the historical two-visit rule (S1-1b)"
         ),
     ] = "coulomb"
     lever_arms: Annotated[
@@ -246,20 +255,22 @@ class Microgel(Section):
     ] = "conjugate"
     dashpot: Annotated[
         Literal["attractive", "no_attraction"],
-        Field(description="whether the normal dashpot of a separating contact may pull"),
+        Field(description="whether the normal dashpot of a separating contact may pull; ours"),
     ] = "attractive"
     contacts: Contacts = Contacts()
     links: Links = Links()
     scale_viscosity: Annotated[
         bool,
-        Field(description="dashpots of reinforced contacts and links scale with their springs"),
+        Field(
+            description="dashpots of reinforced contacts and links scale with their springs; S2-1"
+        ),
     ] = True
     damping: Damping = Damping()
     drive: Annotated[
         Literal["affine", "boundary"],
         Field(
             description="affine: SLLOD, every disc follows a change of rate. boundary: only the "
-            "edges drive (half a shear wave fits in the cell)."
+            "edges drive (half a shear wave fits in the cell), section 5.3"
         ),
     ] = "affine"
 
@@ -267,14 +278,18 @@ class Microgel(Section):
 class Integrator(Section):
     """How the equations of motion are stepped."""
 
-    scheme: Literal["velocity_verlet", "semi_implicit_euler"] = "velocity_verlet"
+    scheme: Annotated[
+        Literal["velocity_verlet", "semi_implicit_euler"],
+        Field(description="second order, ours; first order, as particleShear"),
+    ] = "velocity_verlet"
     steps_per_period: Annotated[
         int | None,
         Field(
             ge=10,
             description="whole steps per T, one record each (record.every). Default: 100, or as "
             "many as make them 0.4 τ; they are halved where contacts, dashpots or the flow need "
-            "it. n times as many also make the halves n times finer; fewer do not coarsen them.",
+            "it. n times as many also make the halves n times finer; fewer do not coarsen them; "
+            "ours",
         ),
     ] = None
 

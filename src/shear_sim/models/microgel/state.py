@@ -151,7 +151,7 @@ def shared_by(work: Work, threads: int) -> list[Work]:
 def with_room(pairs: Pairs, threads: int) -> Pairs:
     """Return the same pairs with the room that so many threads need, or with none for one."""
     rows = len(pairs.table) if threads > 1 else 0
-    return pairs._replace(shared=np.zeros((rows, SHARED)))
+    return pairs._replace(shared=np.empty((rows, SHARED)))
 
 
 def listed(pairs: Pairs) -> PairState:

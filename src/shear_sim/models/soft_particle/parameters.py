@@ -14,25 +14,34 @@ class SoftParticlePacking(Section):
     """Which particles there are: one ring, or a box of them."""
 
     particles: Annotated[
-        int, Field(ge=1, le=100_000, description="rings; more than one: in a box of rigid walls")
+        int,
+        Field(
+            ge=1, le=100_000, description="rings; more than one: in a box of rigid walls; section 5"
+        ),
     ] = 1
     spread: Annotated[
         float,
-        Field(ge=0, le=0.3, description="ΔR/R: standard deviation of radii, normal, cut at 2.5"),
+        Field(
+            ge=0,
+            le=0.3,
+            description="ΔR/R: standard deviation of radii, normal, cut at 2.5; section 5",
+        ),
         PERCENT,
     ] = 0.0
     preparation: Annotated[
         Literal["discs", "gravity"],
         Field(
             description="of a box. discs: the densest random packing of discs without friction. "
-            "gravity: rings that fell into it"
+            "gravity: rings that fell into it; section 5"
         ),
     ] = "discs"
     vertices: Annotated[
-        int, Field(ge=8, le=2000, multiple_of=4, description="N of a ring, mass points")
+        int,
+        Field(ge=8, le=2000, multiple_of=4, description="N of a ring, mass points; section 2.1"),
     ] = 100
     radius: Annotated[
-        float, Field(gt=0, le=10, description="R of the mid-line of the shell, the mean [m]")
+        float,
+        Field(gt=0, le=10, description="R of the mid-line of the shell, the mean [m]; paper (19)"),
     ] = 1e-3
 
     @model_validator(mode="after")
@@ -49,44 +58,53 @@ class SoftParticle(Section):
     """Elasto-plastic shells around cores (Trivino et al.)."""
 
     kind: Literal["soft_particle"] = "soft_particle"
-    young_modulus: Annotated[Positive, Field(description="E of the shell [Pa]")] = 1e6
-    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, description="ν of the shell")] = 0.0
-    thickness: Annotated[float, Field(gt=0, le=0.5, description="h / R")] = 0.05
+    young_modulus: Annotated[Positive, Field(description="E of the shell [Pa]; SP.1")] = 1e6
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, description="ν of the shell; SP.1")] = 0.0
+    thickness: Annotated[float, Field(gt=0, le=0.5, description="h / R; SP.1")] = 0.05
     density: Annotated[
-        Positive, Field(description="mass of a particle / its area π R² [kg/m³]")
+        Positive, Field(description="mass of a particle / its area π R² [kg/m³]; section 2.4")
     ] = 1000.0
     core: Annotated[
         Literal["none", "elastic", "log"],
-        Field(description="pressure of the core: −K ΔA/A₀, or −K ln(A/A₀)"),
+        Field(description="pressure of the core: −K ΔA/A₀, or −K ln(A/A₀); SP.5"),
     ] = "log"
     core_ratio: Annotated[
-        float, Field(ge=0, le=1e4, description="η = K_Ω / (k_s tan(π/N)); 100 is incompressible")
+        float,
+        Field(
+            ge=0, le=1e4, description="η = K_Ω / (k_s tan(π/N)); 100 is incompressible; paper (24)"
+        ),
     ] = 0.0
     yield_moment: Annotated[
         float | None,
-        Field(ge=1e-5, description="M^Y / M*, M* = E h³/12 (1 − ν²) R; none: hinges never yield"),
+        Field(
+            ge=1e-5, description="M^Y / M*, M* = E h³/12 (1 − ν²) R; none: hinges never yield; SP.4"
+        ),
     ] = None
     yield_force: Annotated[
         float | None,
-        Field(gt=0, description="F_s^Y / E h; none: bars never yield"),
+        Field(gt=0, description="F_s^Y / E h; none: bars never yield; SP.3"),
     ] = None
-    friction: Annotated[float, Field(ge=0, le=10, description="Coulomb μ of contacts")] = 0.0
+    friction: Annotated[float, Field(ge=0, le=10, description="Coulomb μ of contacts; SP.7")] = 0.0
     contact_stiffness: Annotated[
-        float, Field(gt=0, le=1000, description="k_n / (k_b/ℓ²) of the shell")
+        float, Field(gt=0, le=1000, description="k_n / (k_b/ℓ²) of the shell; SP.6")
     ] = 10.0
     damping: Annotated[
-        float, Field(ge=0, le=1, description="of bars and hinges, fraction of critical"), PERCENT
+        float,
+        Field(ge=0, le=1, description="of bars and hinges, fraction of critical; ours"),
+        PERCENT,
     ] = 0.2
     contact_damping: Annotated[
-        float, Field(ge=0, le=1, description="of contacts, fraction of critical"), PERCENT
+        float, Field(ge=0, le=1, description="of contacts, fraction of critical; ours"), PERCENT
     ] = 0.0
     inner_damping: Annotated[
         float,
-        Field(ge=0, le=2, description="drag of a vertex against its own particle / (m ω₁)"),
+        Field(ge=0, le=2, description="drag of a vertex against its own particle / (m ω₁); ours"),
     ] = 0.0
     drag: Annotated[
         float,
-        Field(ge=0, le=2, description="of a vertex / (m ω₁), ω₁ the slowest vibration of a ring"),
+        Field(
+            ge=0, le=2, description="of a vertex / (m ω₁), ω₁ the slowest vibration of a ring; ours"
+        ),
     ] = 0.1
 
 
@@ -96,14 +114,18 @@ class DiametralCompression(Section):
     kind: Literal["diametral_compression"] = "diametral_compression"
     compression: Annotated[
         float,
-        Field(gt=0, le=0.8, description="ε = 1 − b/b₀ reached, b: mid-line to mid-line"),
+        Field(
+            gt=0, le=0.8, description="ε = 1 − b/b₀ reached, b: mid-line to mid-line; section 4.1"
+        ),
         PERCENT,
     ] = 0.4
     relative_rate: Annotated[
         float,
-        Field(gt=0, le=0.05, description="ε̇ T₁: compression in one period of the slowest mode"),
+        Field(
+            gt=0, le=0.05, description="ε̇ T₁: compression in one period of the slowest mode; ours"
+        ),
     ] = 0.005
-    unload: Annotated[bool, Field(description="let the plates part again")] = True
+    unload: Annotated[bool, Field(description="let the plates part again; section 4.1")] = True
 
 
 class Compaction(Section):
@@ -111,17 +133,22 @@ class Compaction(Section):
 
     kind: Literal["compaction"]
     strain: Annotated[
-        float, Field(gt=0, le=1, description="ε = ln(H₀/H) reached, at most"), PERCENT
+        float, Field(gt=0, le=1, description="ε = ln(H₀/H) reached, at most; section 5"), PERCENT
     ] = 0.3
     largest_stress: Annotated[
         float | None,
-        Field(gt=0, description="σ R²/k_b at which the lid turns before; σ/σ* is twice that"),
+        Field(
+            gt=0,
+            description="σ R²/k_b at which the lid turns before; σ/σ* is twice that; paper (37)",
+        ),
     ] = None
     relative_rate: Annotated[
         float,
-        Field(gt=0, le=0.05, description="ε̇ T₁: strain in one period of the slowest mode"),
+        Field(gt=0, le=0.05, description="ε̇ T₁: strain in one period of the slowest mode; ours"),
     ] = 0.003
-    unload: Annotated[bool, Field(description="let the lid go up to where it was")] = True
+    unload: Annotated[bool, Field(description="let the lid go up to where it was; section 5")] = (
+        True
+    )
 
 
 SoftParticleShear = Annotated[
@@ -136,7 +163,7 @@ class SoftParticleIntegrator(Section):
 
     step: Annotated[
         float,
-        Field(gt=0, le=0.9, description="δt / the longest stable one, from all stiffnesses"),
+        Field(gt=0, le=0.9, description="δt / the longest stable one, from all stiffnesses; SP.10"),
     ] = 0.2
 
 

@@ -137,6 +137,8 @@ def part(n: int, thread: int, threads: int) -> tuple[np.uint64, np.uint64]:
 
     In whole lines of the cache. Unsigned: the compiler need not look for negative indices.
     """
+    if threads == 1:
+        return np.uint64(0), np.uint64(n)
     lines = (n + 7) // 8
     first = lines * thread // threads * 8
     last = min(n, lines * (thread + 1) // threads * 8)

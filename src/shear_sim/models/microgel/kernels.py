@@ -419,8 +419,10 @@ def block_forces(
         # Links, which alone have a reach, are of one distance.
         end = count if springs.reach > 0.0 else min(int(work.near[1 + group]), count)
         blocks = max(0, (end + LANES - 1) // LANES - begin)
-        from_row = begin + blocks * work.thread // work.threads
-        to_row = begin + blocks * (work.thread + 1) // work.threads
+        from_row, to_row = begin, begin + blocks
+        if work.threads > 1:  # divisions take as long as a disc
+            from_row = begin + blocks * work.thread // work.threads
+            to_row = begin + blocks * (work.thread + 1) // work.threads
         begin += blocks
         for row in range(from_row, to_row):
             first = row * LANES
@@ -533,7 +535,7 @@ def contact_forces(
         c.link_etat if c.stretched_dashpot else 0.0, free, free, free,
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
-    linked, near = int(links.i.shape[0]), int(work.near[0])
+    linked, near = int(np.int32(links.i.shape[0])), int(work.near[0])
     for pairs, springs, count in ((links, link, linked), (contacts, contact, near)):
         block_forces(work, pairs, springs, c, count, offset, rate, h, record)
     # Of each lane over all blocks; now of all lanes.

@@ -33,10 +33,11 @@ TESTS = {
     "links, rigid particles": "test_links_and_rigid.py",
     "guards: passing through, inside out, folded, crushed": "test_contacts.py -k stops",
     "bad input": "-k impossible or refused or unstable or none_are or bodies",
+    "oscillatory shear: ∮τ dγ of a cycle = losses, 1e-4": "-k dissipated or what_a_run_measures",
+    "oscillatory shear: G′ of a crystal is its Hessian's, 1 %": "test_periodic.py -k hessian",
     "restart to the bit": "-k same_bits",
 }
 OPEN = (
-    "oscillatory shear of a suspension (plates, periodic cell)",
     "tensile fracture of a tissue of 400 cells",
     "1.7 times on two threads",
 )

@@ -89,7 +89,7 @@ def main() -> None:
             ),
             least(
                 lambda s=s, m=m: contact_forces(
-                    s.chains, s.lists, s.rules, m, s.springs, s.work
+                    s.chains, s.lists, s.rules, m, s.springs, s.cell, s.work
                 ),
                 n,
             ),
@@ -102,10 +102,12 @@ def main() -> None:
                 ),
                 n,
             ),
-            2 * least(lambda s=s, m=m, e=e: steps.kick(m, s.chains.mass, s.held, 0, 0, e), n)
+            2 * least(
+                lambda s=s, m=m, e=e: steps.kick(m, s.chains.mass, s.held, 0.0, 0.0, 0.0, e), n
+            )
             + least(lambda m=m: steps.drift(m, 0.0), n)
-            + (2 * least(lambda m=m, e=e: steps.spend(m, 0.003, 0.0, e), n) if damped else 0.0)
-            + (least(lambda s=s, m=m: steps.predict(m, s.chains.mass, 0.0, 0.0), n)
+            + (2 * least(lambda m=m, e=e: steps.spend(m, 0.003, 0.0, 0.0, e), n) if damped else 0.0)
+            + (least(lambda s=s, m=m: steps.predict(m, s.chains.mass, 0.0, 0.0, 0.0, 0.0), n)
                if damped else 0.0),
             least(s._list, n),  # once in some hundred steps
         )  # fmt: skip

@@ -708,6 +708,8 @@ def test_reading_a_study_is_light():
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
         ("soft_particle_compaction", 4, 4),
+        ("soft_suspension", 72, 72),
+        ("three_methods", 60, 60),
         ("particleshear", 840, 840),
     ],
 )
@@ -741,6 +743,8 @@ def test_every_config_file_is_tested():
         "hard_disc",
         "soft_particle_ring",
         "soft_particle_compaction",
+        "soft_suspension",
+        "three_methods",
         "particleshear",
     }
 

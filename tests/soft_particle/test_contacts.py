@@ -64,8 +64,8 @@ def test_rounding_counts_no_vertex_twice_or_never():
         middle = rng.uniform(-9, 9, 2)
         over = middle + 0.1 * np.array([along[1], -along[0]]) + rng.integers(-1, 2) * 1e-16 * along
         x, y = np.array([middle - lengths[0] * along, middle, middle + lengths[1] * along, over]).T
-        coefficient, *_ = contacts.corner(x, y, 3, 0, 1, 2, 0.2, TWO_SIDED)
-        overlaps = [contacts.side(x, y, 3, s, s + 1, 0.2, TWO_SIDED)[0] for s in (0, 1)]
+        coefficient, *_ = contacts.corner(x, y, x[3], y[3], 0, 1, 2, 0.2, TWO_SIDED)
+        overlaps = [contacts.side(x, y, x[3], y[3], s, s + 1, 0.2, TWO_SIDED)[0] for s in (0, 1)]
         count.append(coefficient + np.count_nonzero(overlaps))
     assert set(count) == {1.0}
 

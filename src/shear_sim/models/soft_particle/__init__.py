@@ -31,6 +31,15 @@ core K_∂Ω + K_Ω: ``core_ratio`` η = K_Ω/K_∂Ω.
 potential that counts everything once and is once continuously differentiable, friction that keeps
 angular momentum. Walls are planes with springs 2 k_n.
 
+**Sheared cell.** All vertices follow γ(t), dx = y dγ; what they move against that flow, w, obeys
+m dw_x/dt = F_x − m γ̇ w_y (SLLOD). So the shear does the work V τ γ̇, with τ = −σ_xy and, over all
+pairs that act on each other through any image,
+
+    V σ_ab = Σ f_a r_b + Σ m w_a w_b                                                      (SP.12)
+
+Rough plates are vertices that stay at y = 0, and so their images at y = H: forces on them count as
+if they acted on that line, and τ is the shear force of a plate per length.
+
 **Motion.** m dv/dt = F, velocity Verlet; Eq. (SP.9) of ``motion`` is its energy balance. The step
 is a fraction of 2/ω, with a bound ω on all frequencies, cores and contacts included, Eq. (SP.10) of
 ``system``; the paper's √(m/k) forgets the core.
@@ -40,8 +49,8 @@ elastica, that is a ring with flat contacts bears at their two ends and nowhere 
 (31), (34), F = F* L_c/ℓ, and the plateaus of its figures 16 and 18 do not follow from the model.
 A plastic one follows DeRuntz & Hodge.
 
-Reading order: ``parameters``, ``diametral``, ``system``, ``motion``, ``kernels``, ``contacts``,
-``friction``.
+Reading order: ``parameters``, ``diametral``, ``suspension``, ``system``, ``motion``, ``kernels``,
+``contacts``, ``friction``.
 """
 
 from collections.abc import Sequence

@@ -12,19 +12,23 @@ COLUMNS = (
     Column("compression", "1", "ε = 1 − b/b₀, b: distance of the mid-lines at the two plates"),
     Column("force", "N/m", "normal force on a plate, mean of both"),
     Column("mean_force", "N/m", "work of the plates since the record before / their way"),
-    Column("strain", "1", "ε = ln(H₀/H), H the height of the box"),
+    Column("strain", "1", "ε = ln(H₀/H), H the height of the box; of a sheared cell: γ"),
     Column("stress_yy", "Pa", "force / b₀, of a box its lid's / width; compression positive"),
-    Column("stress_xx", "Pa", "of a box: mean force of its sides / height"),
+    Column("stress_xx", "Pa", "of a box: mean force of its sides / height; of a cell: its stress"),
+    Column("stress_xy", "Pa", "of a sheared cell; between plates: their shear force / width"),
+    Column("stress_yx", "Pa", "of a sheared cell; means nothing between plates"),
     Column("stress_floor", "Pa", "of a box: force of its floor / width"),
     Column("scaled_force", "1", "F R²/(E I)"),
     Column("stress_yy_per_modulus", "1", "stress_yy / E"),
     Column("stress_yy_per_bending", "1", "stress_yy / (k_b/R²)"),
+    Column("stress_xy_per_modulus", "1", "stress_xy / E"),
+    Column("stress_xy_per_bending", "1", "stress_xy / (k_b/R²)"),
     Column("core_pressure", "Pa", "pressure of the core above that at rest"),
     Column("area_ratio", "1", "V/V₀, area inside the mid-line"),
     Column("width_ratio", "1", "a/b₀, width of the mid-line"),
     Column("contact_ratio", "1", "L_c/b₀, from the first to the last vertex that touches a plate"),
     Column("load_ratio", "1", "2⟨|x|⟩/b₀ of the load: how far the two loads of a ring are apart"),
-    Column("box_area", "m^2", "of a box: width times height"),
+    Column("box_area", "m^2", "of a box or cell: width times height"),
     Column("solid_area", "m^2", "of all particles: Σ A + P r + π r², A, P: of the mid-line"),
     Column("circularity", "1", "mean of 4π A/P²"),
     Column("energy_stretch", "J/m", "stored in bars"),
@@ -32,7 +36,7 @@ COLUMNS = (
     Column("energy_core", "J/m", "stored in the core"),
     Column("energy_contact", "J/m", "stored in normal and tangential springs"),
     Column("energy_kinetic", "J/m", "kinetic energy"),
-    Column("work", "J/m", "done by the plates"),
+    Column("work", "J/m", "done by the plates, or by the shear: V ∫τ dγ, summed in every step"),
     Column("lost_by_yield", "J/m", "in bars and hinges"),
     Column("lost_by_friction", "J/m", "by sliding, and springs lost at separation"),
     Column("lost_by_damping", "J/m", "in dashpots of bars and hinges"),
@@ -40,6 +44,8 @@ COLUMNS = (
     Column("energy_missing", "J/m", "work less everything that it went into"),
 )
 DERIVED = (
+    Column("shear_stress", "Pa", "−stress_xy"),
+    Column("pressure", "Pa", "(stress_xx + stress_yy)/2, of a sheared cell"),
     Column("stretch_share", "1", "energy of bars / energy of hinges"),
     Column("void_ratio", "1", "e = box_area / solid_area − 1"),
     Column("solid_share", "1", "ΔV_s/ΔV: change of solid_area / that of box_area, since the start"),
@@ -55,7 +61,7 @@ MEASURED = tuple(
         ("contact_slope", "1", "slope of that line"),
         ("residual_compression", "1", "1 − height of the free ring / b₀, after unloading"),
         ("recovered_work", "1", "work given back in unloading / work of loading"),
-        ("energy_missing_ratio", "1", "largest |energy_missing| / work of loading"),
+        ("energy_missing_ratio", "1", "largest |energy_missing| / largest work"),
         ("drag_ratio", "1", "lost by drag / work of loading: slow enough where it is small"),
         ("start_void_ratio", "1", "e at the start of a compaction"),
         ("final_strain", "1", "ln(H₀/H) where the lid turned"),
@@ -67,6 +73,12 @@ MEASURED = tuple(
         ("solid_share_at_unit", "1", "ΔV_s/ΔV of loading at σ = σ*"),
         ("compressibility_index", "1", "C = −de/dlog₁₀σ of loading, by a line through σ/σ* > 0.03"),
         ("unloaded_void_ratio", "1", "e when the lid is free again"),
+        ("start_stress_per_bending", "1", "σ_yy R²/k_b of a suspension before it is sheared"),
+        ("cycle_missing_ratio", "1", "|∮τ dγ − losses − change of what is stored| / losses, last"),
+        ("yield_loss_share", "1", "lost in bars and hinges that yield / all losses, last period"),
+        ("friction_loss_share", "1", "by friction / all losses, last period"),
+        ("damping_loss_share", "1", "in dashpots / all losses, last period"),
+        ("drag_loss_share", "1", "by drag / all losses, last period"),
         ("inertia_ratio", "1", "largest kinetic energy / stored energy, where σ/σ* > 0.03"),
     )
 )
@@ -75,6 +87,10 @@ MEASURED = tuple(
 def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
     """Return the derived columns whose stored columns are there."""
     out: Columns = {}
+    if "stress_xy" in columns:
+        out["shear_stress"] = -columns["stress_xy"]
+        if "stress_xx" in columns and "stress_yy" in columns:
+            out["pressure"] = 0.5 * (columns["stress_xx"] + columns["stress_yy"])
     if "energy_stretch" in columns and "energy_bend" in columns:
         bend = columns["energy_bend"]
         out["stretch_share"] = columns["energy_stretch"] / np.where(bend > 0.0, bend, np.nan)

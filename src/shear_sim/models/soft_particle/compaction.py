@@ -1,20 +1,15 @@
 """Rings in a box whose lid comes down and goes up: how they start, and what is measured."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shear_sim.models.interface import Columns, SimulationError
-from shear_sim.models.soft_particle.bodies import Body
-from shear_sim.models.soft_particle.packs import Box, scattered_discs, touching_discs
+from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import Compaction, SoftParticlePoint
-from shear_sim.models.soft_particle.rings import ring_body, scales
+from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 from shear_sim.streams import Streams
-
-FloatArray = NDArray[np.float64]
 
 UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)
 FEWEST = 5  # records of a line
@@ -33,13 +28,13 @@ class Compactor:
         model, packing = point.model, point.packing
         self.unit = scales(model, packing.vertices, packing.radius)
         self.radius, self.modulus = packing.radius, model.young_modulus
-        # Of a disc that a ring stands for, with its thickness, in mean radii of mid-lines.
-        outside = 1.0 + 0.5 * model.thickness
         falling = packing.preparation == "gravity"
         discs = scattered_discs if falling else touching_discs
         box = discs(packing.particles, packing.spread, streams.generator("discs"))
-        bodies = _rings(point, box, outside, streams.generator("turns"))
-        self.width = box.width * outside * packing.radius
+        bodies = rings_in_discs(
+            model, packing, box.x, box.y, box.radius, streams.generator("turns")
+        )
+        self.width = box.width * disc_radius(model) * packing.radius
         top = max(float(body.points[:, 1].max()) + body.radius for body in bodies)
         self.system = System(
             bodies,
@@ -120,7 +115,7 @@ class Compactor:
         system, width = self.system, self.width
         height = -float(system.walls.position[LID])
         stress = self._stress(LID, width)
-        solid, circularity = self._shapes()
+        solid, circularity = shapes(system.chains, system.motion)
         return {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": math.log(self.start / height),
@@ -133,17 +128,6 @@ class Compactor:
             "solid_area": solid,
             "circularity": circularity,
         } | ledger(system.budget())
-
-    def _shapes(self) -> tuple[float, float]:
-        """Return the area of all particles [m²], and their mean circularity."""
-        chains, motion = self.system.chains, self.system.motion
-        sides = np.hypot(motion.x[chains.after] - motion.x, motion.y[chains.after] - motion.y)
-        perimeter = np.add.reduceat(sides, chains.start[:-1])
-        count = len(chains.closed)
-        area = np.array([self.system.area(p) for p in range(count)])
-        r = chains.radius
-        solid = float((area + perimeter * r + math.pi * r**2).sum())
-        return solid, float((4.0 * math.pi * area / perimeter**2).mean())
 
     def preparation(self) -> dict[str, float]:
         """Return what is to be said of the start."""
@@ -187,19 +171,3 @@ class Compactor:
         if self.strokes == 2:
             found["unloaded_void_ratio"] = void[-1]
         return {name: float(value) for name, value in found.items()}
-
-
-def _rings(
-    point: SoftParticlePoint, box: Box, outside: float, rng: np.random.Generator
-) -> list[Body]:
-    """Return a ring for each disc of ``box``, turned at random, within its disc."""
-    model, packing = point.model, point.packing
-    bodies = []
-    for x, y, size in zip(box.x, box.y, box.radius, strict=True):
-        radius = packing.radius * (size * outside - 0.5 * model.thickness)
-        body = ring_body(model, packing.vertices, packing.radius, radius)
-        turn = rng.uniform(0.0, 2.0 * math.pi)
-        matrix = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
-        centre = packing.radius * outside * np.array([x, y])
-        bodies.append(replace(body, points=body.points @ matrix + centre))
-    return bodies

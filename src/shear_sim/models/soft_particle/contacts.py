@@ -18,13 +18,14 @@ import numpy as np
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
-from shear_sim.models.soft_particle.friction import friction_forces
+from shear_sim.models.soft_particle.friction import add_virial, friction_forces
 from shear_sim.models.soft_particle.state import (
     LAST,
     ONE_SIDED,
     RUNNING,
     SEPARATION,
     SLIDING,
+    Cell,
     Chains,
     Lists,
     Motion,
@@ -40,13 +41,14 @@ DEEPEST = -0.5  # signed distance / (r + r) behind which a ring is not touched f
 
 @jit
 def side(
-    x: Floats, y: Floats, v: int, s: int, j: int, reach: float, kind: int
+    x: Floats, y: Floats, ux: float, uy: float, s: int, j: int, reach: float, kind: int
 ) -> tuple[float, float, float, float]:
-    """Return overlap [m], normal and share of j where vertex ``v`` is beside the segment s–j.
+    """Return overlap [m], normal and share of j where a vertex is beside the segment s–j.
 
-    ``reach`` is the distance of touching [m]; without contact the overlap is 0.
+    The vertex is at ``ux``, ``uy`` (its image near s–j), and ``reach`` is the distance of touching
+    [m]; without contact the overlap is 0.
     """
-    qx, qy = x[v] - x[s], y[v] - y[s]
+    qx, qy = ux - x[s], uy - y[s]
     ex, ey = x[j] - x[s], y[j] - y[s]
     square = ex * ex + ey * ey
     along = qx * ex + qy * ey
@@ -67,15 +69,15 @@ def side(
 
 @jit
 def corner(
-    x: Floats, y: Floats, v: int, i: int, s: int, j: int, reach: float, kind: int
+    x: Floats, y: Floats, ux: float, uy: float, i: int, s: int, j: int, reach: float, kind: int
 ) -> tuple[float, float, float, float]:
-    """Return coefficient, overlap [m] and normal of vertex ``v`` at vertex s between i and j.
+    """Return coefficient, overlap [m] and normal of a vertex at vertex s between i and j.
 
-    i or j may be −1, at the end of an open chain. Without contact the coefficient is 0. Whether it
-    is beyond the end of a segment is asked just as in ``side``, so that rounding cannot count it
-    twice, or never.
+    The vertex is at ``ux``, ``uy``. i or j may be −1, at the end of an open chain. Without contact
+    the coefficient is 0. Whether it is beyond the end of a segment is asked just as in ``side``, so
+    that rounding cannot count it twice, or never.
     """
-    qx, qy = x[v] - x[s], y[v] - y[s]
+    qx, qy = ux - x[s], uy - y[s]
     near = qx * qx + qy * qy
     if near >= reach * reach:
         return 0.0, 0.0, 0.0, 0.0
@@ -83,7 +85,7 @@ def corner(
     ax = ay = ex = ey = 0.0
     if i >= 0:
         ax, ay = x[s] - x[i], y[s] - y[i]
-        along = (x[v] - x[i]) * ax + (y[v] - y[i]) * ay
+        along = (ux - x[i]) * ax + (uy - y[i]) * ay
         coefficient += 0.0 if along < ax * ax + ay * ay else 1.0
     if j >= 0:
         ex, ey = x[j] - x[s], y[j] - y[s]
@@ -101,7 +103,7 @@ def corner(
 @jit
 def find_touching(
     x: Floats, y: Floats, ex: Floats, ey: Floats, vertex: Ints, segment: Ints, kind: Ints,
-    reach: Floats, touching: Ints,
+    reach: Floats, sx: Floats, sy: Floats, touching: Ints,
 ) -> int:  # fmt: skip
     """Write which of the listed pairs of vertex and segment touch; return how many.
 
@@ -111,7 +113,7 @@ def find_touching(
     count = 0
     for c in range(segment.shape[0]):
         v, s = vertex[c], segment[c]
-        qx, qy = x[v] - x[s], y[v] - y[s]
+        qx, qy = x[v] - sx[c] - x[s], y[v] - sy[c] - y[s]
         bx, by = ex[s], ey[s]
         limit = reach[c] * reach[c]
         square = bx * bx + by * by
@@ -131,8 +133,9 @@ def find_touching(
 
 @jit
 def contact_forces(
-    chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, work: Work
-) -> int:
+    chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, cell: Cell,
+    work: Work,
+) -> int:  # fmt: skip
     """Add the contact forces of all vertices and segments; return a status.
 
     Dashpots multiply the force of a feature by 1 − β ḣ⁻ (Hunt & Crossley), so that they keep the
@@ -145,23 +148,27 @@ def contact_forces(
     frictional = rules.friction > 0.0
     touching = find_touching(
         x, y, work.scratch[0], work.scratch[1], lists.vertex, lists.segment, lists.kind,
-        lists.reach, lists.touching,
+        lists.reach, lists.shift[0], lists.shift[1], lists.touching,
     )  # fmt: skip
+    cell.images[:] = 0.0
     count = 0
     for hit in range(touching):
         c = lists.touching[hit]
         v, s, kind, reach = lists.vertex[c], lists.segment[c], lists.kind[c], lists.reach[c]
         j = after[s]
+        sx, sy = lists.shift[0, c], lists.shift[1, c]
+        far = sx != 0.0 or sy != 0.0
+        ux, uy = x[v] - sx, y[v] - sy
         # Beside the segment, at its first vertex, and at its second where the chain ends.
         for place in range(3 if kind == LAST else 2):
             if place == 0:
-                overlap, nx, ny, w = side(x, y, v, s, j, reach, kind)
+                overlap, nx, ny, w = side(x, y, ux, uy, s, j, reach, kind)
                 coefficient, a, b = 1.0, s, j
             elif place == 1:
-                coefficient, overlap, nx, ny = corner(x, y, v, before[s], s, j, reach, kind)
+                coefficient, overlap, nx, ny = corner(x, y, ux, uy, before[s], s, j, reach, kind)
                 w, a, b = 0.0, s, s
             else:
-                coefficient, overlap, nx, ny = corner(x, y, v, s, j, -1, reach, kind)
+                coefficient, overlap, nx, ny = corner(x, y, ux, uy, s, j, -1, reach, kind)
                 w, a, b = 0.0, j, j
             if overlap <= 0.0 or coefficient == 0.0:
                 continue
@@ -177,8 +184,10 @@ def contact_forces(
             fy[a] -= u * force * ny
             fx[b] -= w * force * nx
             fy[b] -= w * force * ny
+            if far:
+                add_virial(cell.images[0], force * nx, force * ny, sx, sy)
             if rules.dashpot > 0.0:
-                speed = (px[v] - u * px[a] - w * px[b]) * nx
+                speed = (px[v] - u * px[a] - w * px[b] - cell.strain[1] * sy) * nx
                 speed += (py[v] - u * py[a] - w * py[b]) * ny
                 loss = -force * min(1.0, rules.dashpot * speed)
                 dx[v] += loss * nx
@@ -187,19 +196,28 @@ def contact_forces(
                 dy[a] -= u * loss * ny
                 dx[b] -= w * loss * nx
                 dy[b] -= w * loss * ny
+                if far:
+                    add_virial(cell.images[1], loss * nx, loss * ny, sx, sy)
             if frictional:
                 lists.place[count, 0], lists.place[count, 1] = v, s
                 lists.place[count, 2], lists.place[count, 3] = a, b
                 lists.found[count, 0] = coefficient * overlap
                 lists.found[count, 1], lists.found[count, 2] = nx, ny
                 lists.found[count, 3] = w
+                lists.found[count, 5], lists.found[count, 6] = sx, sy
                 count += 1
     work.closest[0], work.closest[1] = closest, nearest
     if not frictional:
         return RUNNING
+    vx, vy = motion.vx, motion.vy
+    if cell.size[1] > 0.0:
+        vx = work.scratch[3]
+        for k in range(vx.shape[0]):
+            vx[k] = motion.vx[k] + cell.strain[2] * motion.free_x[k] * y[k]
     return friction_forces(
-        before, after, rules, x, y, motion.vx, motion.vy, fx, fy, work.scratch, count, lists.place,
-        lists.found, lists.run, work.held, springs.segment, springs.force, work.energy,
+        before, after, rules, x, y, vx, vy, fx, fy, work.scratch, count, lists.place,
+        lists.found, lists.run, work.held, springs.segment, springs.force, cell.strain[2],
+        cell.images, work.energy,
     )  # fmt: skip
 
 
@@ -268,12 +286,13 @@ def contact_energy(
     for c in range(lists.segment.shape[0]):
         v, s, kind, reach = lists.vertex[c], lists.segment[c], lists.kind[c], lists.reach[c]
         j = after[s]
-        overlap, _, _, _ = side(x, y, v, s, j, reach, kind)
+        ux, uy = x[v] - lists.shift[0, c], y[v] - lists.shift[1, c]
+        overlap, _, _, _ = side(x, y, ux, uy, s, j, reach, kind)
         normal += 0.5 * rules.stiffness * overlap**2
-        coefficient, overlap, _, _ = corner(x, y, v, before[s], s, j, reach, kind)
+        coefficient, overlap, _, _ = corner(x, y, ux, uy, before[s], s, j, reach, kind)
         normal += 0.5 * coefficient * rules.stiffness * overlap**2
         if kind == LAST:
-            coefficient, overlap, _, _ = corner(x, y, v, s, j, -1, reach, kind)
+            coefficient, overlap, _, _ = corner(x, y, ux, uy, s, j, -1, reach, kind)
             normal += 0.5 * coefficient * rules.stiffness * overlap**2
     for v in range(x.shape[0]):
         r = chains.radius[chains.chain[v]]

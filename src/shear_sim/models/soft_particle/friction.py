@@ -32,6 +32,8 @@ def friction_forces(
     features: Ints,
     held: Ints,
     spring: Floats,
+    rate: float,
+    images: Floats,
     energy: Floats,
 ) -> int:
     """Let each contact of every vertex stick or slide; return a status.
@@ -56,15 +58,19 @@ def friction_forces(
     place : (≥ count, 4)
         Of each: its vertex, the segment it was found at, and the two vertices that bear its
         reaction.
-    found : (≥ count, 5)
+    found : (≥ count, 7)
         Of each: coefficient times overlap [m], normal (from the chain to the vertex), the share of
-        the second vertex; and room.
+        the second vertex; room; and the displacement of the image that it is with [m].
     run : (≥ count,)
         Room.
     features : (V,)
         Number of features of every vertex in the step before, replaced by that of now.
     held, spring : (V, SLOTS)
         Springs of the step before, replaced by those of now.
+    rate : float
+        Mean γ̇ of the step, of a sheared cell [1/s].
+    images : (2, 4)
+        Added to, see ``Cell``.
     energy : (ENERGIES,)
         Added to [J/m].
     """
@@ -133,10 +139,11 @@ def friction_forces(
                 a, b, w = place[q, 2], place[q, 3], found[q, 3]
                 share = found[q, 0] * (found[q, 1] * nx + found[q, 2] * ny) / total
                 found[q, 4] = share
-                ux -= share * ((1.0 - w) * vx[a] + w * vx[b])
+                sx, sy = found[q, 5], found[q, 6]
+                ux -= share * ((1.0 - w) * vx[a] + w * vx[b] + rate * sy)
                 uy -= share * ((1.0 - w) * vy[a] + w * vy[b])
-                cx += share * ((1.0 - w) * x[a] + w * x[b])
-                cy += share * ((1.0 - w) * y[a] + w * y[b])
+                cx += share * ((1.0 - w) * x[a] + w * x[b] + sx)
+                cy += share * ((1.0 - w) * y[a] + w * y[b] + sy)
                 for at in range(1 if a != b else 2):
                     k = _bar(before, after, a, b, at)
                     j = after[k]
@@ -160,6 +167,10 @@ def friction_forces(
                 if run[q] != r:
                     continue
                 a, b, w, share = place[q, 2], place[q, 3], found[q, 3], found[q, 4]
+                if found[q, 5] != 0.0 or found[q, 6] != 0.0:
+                    add_virial(
+                        images[0], share * force * tx, share * force * ty, found[q, 5], found[q, 6]
+                    )
                 fx[a] -= (1.0 - w) * share * force * tx
                 fy[a] -= (1.0 - w) * share * force * ty
                 fx[b] -= w * share * force * tx
@@ -178,6 +189,15 @@ def friction_forces(
                 energy[SEPARATION] += 0.5 * spring[v, m] * spring[v, m] / rules.tangential
                 held[v, m] = -1
     return RUNNING
+
+
+@jit
+def add_virial(virial: Floats, fx: float, fy: float, sx: float, sy: float) -> None:
+    """Add f_x s_x, f_x s_y, f_y s_x, f_y s_y to ``virial`` (4,) [N]."""
+    virial[0] += fx * sx
+    virial[1] += fx * sy
+    virial[2] += fy * sx
+    virial[3] += fy * sy
 
 
 @jit

@@ -17,6 +17,7 @@ from shear_sim.models.soft_particle import rigid as bodies
 from shear_sim.models.soft_particle.contacts import contact_forces, wall_forces
 from shear_sim.models.soft_particle.kernels import shell_forces
 from shear_sim.models.soft_particle.links import link_forces
+from shear_sim.models.soft_particle.pairs import shift_images
 from shear_sim.models.soft_particle.state import (
     DAMPING,
     DRAG,
@@ -24,7 +25,9 @@ from shear_sim.models.soft_particle.state import (
     LISTS_USED_UP,
     NOT_FINITE,
     RUNNING,
+    SHEARING,
     TOO_FAST,
+    Cell,
     Chains,
     Links,
     Lists,
@@ -48,6 +51,7 @@ def apply_forces(
     springs: Springs,
     links: Links,
     walls: Walls,
+    cell: Cell,
     work: Work,
     damped: bool,
 ) -> int:
@@ -63,22 +67,27 @@ def apply_forces(
         if not damped:
             dx[k] = 0.0
             dy[k] = 0.0
+    if cell.size[1] > 0.0:
+        shift_images(lists, cell)
     link_forces(links, motion.x, motion.y, chains.after, fx, fy, work.energy)
-    status = contact_forces(chains, lists, rules, motion, springs, work)
+    status = contact_forces(chains, lists, rules, motion, springs, cell, work)
     wall_forces(chains, rules, motion, springs, walls, work)
     return status
 
 
 @jit
 def kick(
-    motion: Motion, mass: Floats, held: Ints, drag: float, half: float, energy: Floats
+    motion: Motion, mass: Floats, held: Ints, drag: float, rate: float, half: float, energy: Floats
 ) -> None:
-    """Change velocities by half a step ``half`` [s] of the forces."""
+    """Change velocities by half a step ``half`` [s] of the forces.
+
+    ``rate`` is γ̇ [1/s] of the flow that the predicted velocities contain and drag is against.
+    """
     vx, vy, px, py = motion.vx, motion.vy, motion.px, motion.py
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     for k in range(vx.shape[0]):
         scale = half / mass[k]
-        vx[k] += scale * motion.free_x[k] * (fx[k] + dx[k] - drag * px[k])
+        vx[k] += scale * motion.free_x[k] * (fx[k] + dx[k] - drag * (px[k] - rate * motion.y[k]))
         vy[k] += scale * motion.free_y[k] * (fy[k] + dy[k] - drag * py[k])
     for q in range(held.shape[0]):
         k = held[q]
@@ -89,7 +98,7 @@ def kick(
 
 
 @jit
-def spend(motion: Motion, drag: float, half: float, energy: Floats) -> None:
+def spend(motion: Motion, drag: float, rate: float, half: float, energy: Floats) -> None:
     """Add half a step of what dashpots and drag take at the present half-step velocity."""
     vx, vy, px, py, dx, dy = motion.vx, motion.vy, motion.px, motion.py, motion.dx, motion.dy
     even = odd = 0.0  # two chains of sums: each addition waits for the one before
@@ -103,7 +112,7 @@ def spend(motion: Motion, drag: float, half: float, energy: Floats) -> None:
     if drag > 0.0:
         even = 0.0
         for k in range(vx.shape[0]):
-            even += px[k] * vx[k] + py[k] * vy[k]
+            even += (px[k] - rate * motion.y[k]) * vx[k] + py[k] * vy[k]
         energy[DRAG] += half * drag * even
 
 
@@ -123,22 +132,60 @@ def drift(motion: Motion, dt: float) -> float:
 
 
 @jit
-def predict(motion: Motion, mass: Floats, drag: float, half: float) -> None:
-    """Predict velocities of the end of the step, for dashpots, with the accelerations before it."""
+def predict(
+    motion: Motion, mass: Floats, drag: float, before: float, rate: float, half: float
+) -> None:
+    """Predict velocities of the end of the step, for dashpots, with the accelerations before it.
+
+    They contain the flow of a sheared cell, whose rate was ``before`` and is ``rate`` now [1/s].
+    """
     vx, vy, px, py = motion.vx, motion.vy, motion.px, motion.py
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     for k in range(vx.shape[0]):
         scale = half / mass[k]
-        px[k] = vx[k] + scale * motion.free_x[k] * (fx[k] + dx[k] - drag * px[k])
+        flow = rate * motion.free_x[k] * motion.y[k]
+        pull = fx[k] + dx[k] - drag * (px[k] - before * motion.y[k])
+        px[k] = vx[k] + scale * motion.free_x[k] * pull + flow
         py[k] = vy[k] + scale * motion.free_y[k] * (fy[k] + dy[k] - drag * py[k])
 
 
 @jit
-def farthest(x: Floats, y: Floats, x0: Floats, y0: Floats) -> float:
-    """Return the largest distance [m] of all vertices from where they were."""
+def shear_positions(motion: Motion, mass: Floats, strain: float) -> float:
+    """Shear all vertices by ``strain``, and what they move against the flow; return the work [J/m].
+
+    It is the change of kinetic energy; the work of forces follows from the stress. Held vertices
+    stay with the line y = 0 of the cell.
+    """
+    x, y, vx, vy = motion.x, motion.y, motion.vx, motion.vy
+    work = 0.0
+    for k in range(x.shape[0]):
+        x[k] += strain * motion.free_x[k] * y[k]
+        after = vx[k] - strain * vy[k]
+        work += 0.5 * mass[k] * (after * after - vx[k] * vx[k])
+        vx[k] = after
+    return work
+
+
+@jit
+def virial(motion: Motion, cell: Cell) -> tuple[float, float]:
+    """Return Σ f_x y over all pairs that act on each other [N], of forces and of dashpots.
+
+    Forces on held vertices act at the line y = 0.
+    """
+    forces, dashpots = -cell.images[0, 1], -cell.images[1, 1]
+    for k in range(motion.y.shape[0]):
+        lever = motion.free_x[k] * motion.y[k]
+        forces += motion.fx[k] * lever
+        dashpots += motion.dx[k] * lever
+    return forces, dashpots
+
+
+@jit
+def farthest(x: Floats, y: Floats, x0: Floats, y0: Floats, strain: float) -> float:
+    """Return the largest distance [m] of all vertices from where they were, but for ``strain``."""
     most = 0.0
     for k in range(x.shape[0]):
-        most = max(most, (x[k] - x0[k]) ** 2 + (y[k] - y0[k]) ** 2)
+        most = max(most, (x[k] - x0[k] - strain * y0[k]) ** 2 + (y[k] - y0[k]) ** 2)
     return float(np.sqrt(most))
 
 
@@ -153,6 +200,7 @@ def march(
     rigid: Rigid,
     held: Ints,
     walls: Walls,
+    cell: Cell,
     work: Work,
     steps: int,
     room: float,
@@ -181,20 +229,43 @@ def march(
     planes = walls.nx.shape[0]
     dt, drag = rules.step, rules.drag
     half = 0.5 * dt
+    periodic = cell.size[1] > 0.0
     lossy = damped or rules.dashpot > 0.0 or drag > 0.0
     for step in range(steps):
         if 2.0 * work.travelled[0] > room:
             # Far less than the sum of the longest steps, where particles shake.
-            work.travelled[0] = farthest(motion.x, motion.y, lists.x, lists.y)
+            sheared = cell.strain[0] - lists.strain[0]
+            work.travelled[0] = farthest(motion.x, motion.y, lists.x, lists.y, sheared)
+            work.travelled[0] += 0.5 * np.abs(sheared) * lists.span[0]
             if 2.0 * work.travelled[0] > ENOUGH * room:
                 return step, LISTS_USED_UP
-        kick(motion, mass, held, drag, half, energy)
+        rate = cell.strain[1]
+        kick(motion, mass, held, drag, rate, half, energy)
         bodies.kick(rigid, chains.start, motion, drag, half)
+        strain = 0.0
+        if periodic:
+            phase = cell.wave[1] * dt
+            cell.steps[0] += 1
+            new = cell.wave[0] * np.sin(phase * cell.steps[0])
+            strain = new - cell.strain[0]
+            cell.strain[0] = new
+            cell.strain[1] = cell.wave[0] * cell.wave[1] * np.cos(phase * cell.steps[0])
+            cell.strain[2] = strain / dt
+            pulled, lost = virial(motion, cell)
+            energy[SHEARING] -= 0.5 * strain * (pulled + lost)
+            energy[DAMPING] -= 0.5 * strain * lost
+            if lossy:
+                spend(motion, drag, rate, half, energy)
+            energy[SHEARING] += shear_positions(motion, mass, 0.5 * strain)
+            work.travelled[0] += 0.5 * np.abs(strain) * lists.span[0]
         fastest = drift(motion, dt)
         fastest = max(fastest, bodies.drift(rigid, chains.start, motion, dt))
+        if periodic:
+            energy[SHEARING] += shear_positions(motion, mass, 0.5 * strain)
         if lossy:
-            spend(motion, drag, half, energy)
-            predict(motion, mass, drag, half)
+            if not periodic:
+                spend(motion, drag, rate, half, energy)
+            predict(motion, mass, drag, rate, cell.strain[1], half)
         if not np.isfinite(fastest):
             return step, NOT_FINITE
         if fastest * dt * dt > leap * leap:
@@ -209,11 +280,17 @@ def march(
             walls.work[w] += half * power
             energy[DAMPING] += half * walls.loss[w] * walls.velocity[w]
 
-        status = apply_forces(chains, lists, rules, motion, springs, links, walls, work, damped)
+        status = apply_forces(
+            chains, lists, rules, motion, springs, links, walls, cell, work, damped
+        )
 
         if lossy:
-            spend(motion, drag, half, energy)
-        kick(motion, mass, held, drag, half, energy)
+            spend(motion, drag, cell.strain[1], half, energy)
+        if periodic:
+            pulled, lost = virial(motion, cell)
+            energy[SHEARING] -= 0.5 * strain * (pulled + lost)
+            energy[DAMPING] -= 0.5 * strain * lost
+        kick(motion, mass, held, drag, cell.strain[1], half, energy)
         bodies.kick(rigid, chains.start, motion, drag, half)
         bodies.carry(rigid, chains.start, motion)
         for w in range(planes):

@@ -1,4 +1,4 @@
-"""Boxes of discs that just touch: where the rings of a pack start.
+"""Boxes of discs that just touch, and cells of discs that do not: where the rings of packs start.
 
 Lengths are in mean radii.
 """
@@ -25,10 +25,11 @@ GENTLE = 1e-6  # largest net force of discs at rest, of a contact of overlap 1
 MOST_STEPS = 200_000
 STEP = 0.2  # of the relaxation, for springs and masses of 1
 STREAK = 5  # steps downhill before a relaxation goes faster
+GAP = 0.01  # of two discs in a cell / the sum of their radii
 
 
 class Box(NamedTuple):
-    """Discs in a box of rigid walls, its corner at the origin."""
+    """Discs in a box of rigid walls, or in a periodic cell, its corner at the origin."""
 
     x: FloatArray  # (N,)
     y: FloatArray  # (N,)
@@ -194,3 +195,39 @@ def touching_discs(count: int, spread: float, rng: np.random.Generator) -> Box:
         height = higher
         overlap = at_rest(x, y, radius, width, height)
     return Box(x, y, radius, width, float((y + radius).max()))
+
+
+def loose_discs(count: int, spread: float, fraction: float, rng: np.random.Generator) -> Box:
+    """Return discs at random that touch nowhere, in a square periodic cell.
+
+    Parameters
+    ----------
+    count, spread
+        N, and the standard deviation of radii, see `touching_discs`.
+    fraction : float
+        Packing fraction, well below the densest of a random packing.
+
+    Raises
+    ------
+    SimulationError
+        If no such places are found.
+    """
+    radius = _radii(count, spread, rng)
+    side = math.sqrt(math.pi * float((radius**2).sum()) / fraction)
+    swollen = (1.0 + GAP) * radius
+    x, y = rng.random((2, count)) * side
+    for _ in range(MOST_STEPS):
+        x %= side
+        y %= side
+        _, i, j, nx, ny = find_pairs(x, y, swollen, 0.0, side, side, 0.0)
+        dx, dy = x[j] - x[i] + side * nx, y[j] - y[i] + side * ny
+        distance = np.hypot(dx, dy)
+        touch = swollen[i] + swollen[j]
+        if (distance > touch / (1.0 + GAP)).all():
+            return Box(x, y, radius, side, side)
+        push = 0.3 * (touch / distance - 1.0)  # some push a disc at once: not all of it
+        for place, apart in ((x, dx), (y, dy)):
+            np.add.at(place, j, push * apart)
+            np.add.at(place, i, -push * apart)
+    msg = f"{count} discs in a cell still overlap after {MOST_STEPS} steps: another seed"
+    raise SimulationError(msg)

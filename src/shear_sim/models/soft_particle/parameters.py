@@ -9,16 +9,40 @@ from shear_sim.models.interface import Point
 from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Impossible, Positive, Section, default_kind
 
+PACKING_FRACTION = 0.95  # of a suspension
+LARGEST_SPREAD = 2.5  # standard deviations at which radii are cut
+
+
+class SoftParticleCell(Section):
+    """What happens at the edges of the cell of a suspension."""
+
+    boundary: Annotated[
+        Literal["lees_edwards", "plates"],
+        Field(
+            description="lees_edwards: sheared periodic cell. plates: rings that cross its lower "
+            "edge are glued to a rigid rough plate there, whose image is the other one; ours"
+        ),
+    ] = "lees_edwards"
+
 
 class SoftParticlePacking(Section):
-    """Which particles there are: one ring, or a box of them."""
+    """Which particles there are: one ring, a box of them, or a suspension."""
 
     particles: Annotated[
         int,
-        Field(
-            ge=1, le=100_000, description="rings; more than one: in a box of rigid walls; section 5"
-        ),
+        Field(ge=1, le=100_000, description="rings; more than one: in a box or a cell; section 5"),
     ] = 1
+    packing_fraction: Annotated[
+        float | None,
+        Field(
+            gt=0.7,
+            le=1.5,
+            exclude_if=lambda value: value is None,
+            description="φ of a suspension: Σ (A + P r + π r²) of its rings at rest, A and P of "
+            "mid-lines / area of the cell [-], not in percent. Default: 0.95; ours",
+        ),
+        PERCENT,
+    ] = None
     spread: Annotated[
         float,
         Field(
@@ -128,6 +152,22 @@ class DiametralCompression(Section):
     unload: Annotated[bool, Field(description="let the plates part again; section 4.1")] = True
 
 
+class SoftParticleOscillatoryShear(Section):
+    """Oscillatory shear γ(t) = A sin(2π t/T) of a dense suspension, T = T₁ / relative_frequency."""
+
+    kind: Literal["oscillatory"]
+    strain_amplitude: Annotated[
+        float, Field(gt=0, le=5, description="A [-], not in percent; ours"), PERCENT
+    ] = 0.2
+    relative_frequency: Annotated[
+        float,
+        Field(
+            gt=0, le=1, description="f T₁ [-], T₁: period of the slowest vibration of a ring; ours"
+        ),
+    ] = 0.05
+    periods: Annotated[int, Field(ge=1, description="whole periods; ours")] = 3
+
+
 class Compaction(Section):
     """A box of rings whose lid comes down at a constant speed, and goes up again."""
 
@@ -152,7 +192,7 @@ class Compaction(Section):
 
 
 SoftParticleShear = Annotated[
-    DiametralCompression | Compaction,
+    DiametralCompression | Compaction | SoftParticleOscillatoryShear,
     Field(discriminator="kind"),
     default_kind("diametral_compression"),
 ]
@@ -176,7 +216,7 @@ class SoftParticleRecord(Section):
             ge=10,
             le=100_000,
             description="records; default 200 in diametral compression, 100 in compaction; twice "
-            "that if unloaded",
+            "that if unloaded; 200 per period in oscillatory shear",
         ),
     ] = None
     snapshots: Snapshots = None
@@ -185,6 +225,9 @@ class SoftParticleRecord(Section):
 class SoftParticlePoint(Point):
     """One simulation of soft particles."""
 
+    cell: Annotated[SoftParticleCell, Field(exclude_if=lambda cell: cell == SoftParticleCell())] = (
+        SoftParticleCell()
+    )
     packing: SoftParticlePacking = SoftParticlePacking()
     model: SoftParticle = SoftParticle()
     shear: SoftParticleShear = DiametralCompression()
@@ -197,29 +240,84 @@ class SoftParticlePoint(Point):
         return self.model.kind
 
     def resolved(self) -> Self:
-        """Return the point with its number of records filled in."""
-        one_way = 100 if isinstance(self.shear, Compaction) else 200
-        rows = self.record.rows or one_way * (2 if self.shear.unload else 1)
+        """Return the point with its number of records and packing fraction filled in."""
+        packing, shear = self.packing, self.shear
+        if isinstance(shear, SoftParticleOscillatoryShear):
+            per_unit = 200
+            fraction = packing.packing_fraction or PACKING_FRACTION
+            packing = packing.model_copy(update={"packing_fraction": fraction})
+        else:
+            per_unit = 100 if isinstance(shear, Compaction) else 200
+        rows = self.record.rows or per_unit * self._units
         record = self.record.model_copy(update={"rows": rows})
-        return self.model_copy(update={"record": record})
+        return self.model_copy(update={"record": record, "packing": packing})
+
+    @property
+    def _units(self) -> int:
+        """Periods, or strokes."""
+        shear = self.shear
+        if isinstance(shear, SoftParticleOscillatoryShear):
+            return shear.periods
+        return 2 if shear.unload else 1
 
     @model_validator(mode="after")
     def _keep_snapshots_within_the_run(self) -> Self:
-        strokes = 2 if self.shear.unload else 1
         rows = self.resolved().record.rows or 0
-        check_snapshots(self.record.snapshots, 0.0, strokes, rows / strokes)
+        check_snapshots(self.record.snapshots, 0.0, self._units, rows / self._units)
         return self
 
     @model_validator(mode="after")
-    def _one_ring_or_a_box(self) -> Self:
+    def _one_ring_a_box_or_a_cell(self) -> Self:
+        sheared = isinstance(self.shear, SoftParticleOscillatoryShear)
         boxed = isinstance(self.shear, Compaction)
-        if boxed != (self.packing.particles > 1):
+        if (boxed or sheared) != (self.packing.particles > 1):
+            many = "packing.particles = 500, say"
             message = (
-                "a compaction needs a box of rings, and only it: packing.particles = 500, say"
+                f"a compaction needs a box of rings, and only it: {many}"
                 if boxed
-                else "a box of rings needs shear.kind: compaction"
+                else f"a suspension needs rings: {many}"
+                if sheared
+                else "a box of rings needs shear.kind: compaction, a suspension oscillatory"
             )
             raise Impossible([(("packing.particles", "shear.kind"), message)])
+        keys = {
+            "packing.packing_fraction": self.packing.packing_fraction is not None and not sheared,
+            "cell.boundary": self.cell.boundary != "lees_edwards" and not sheared,
+            "packing.preparation": self.packing.preparation != "discs" and sheared,
+        }
+        if any(keys.values()):
+            only = "a suspension (shear.kind: oscillatory)"
+            message = f"has no effect on {only}" if sheared else f"is for {only} only"
+            raise Impossible([((key, "shear.kind"), message) for key in keys if keys[key]])
+        return self
+
+    @model_validator(mode="after")
+    def _touch_no_image(self) -> Self:
+        if not isinstance(self.shear, SoftParticleOscillatoryShear):
+            return self
+        packing = self.resolved().packing
+        largest = 1.0 + min(LARGEST_SPREAD * packing.spread, 1.0)
+        # Mean radii; a ring may be drawn out to twice its width.
+        fewest = math.ceil((packing.packing_fraction or 0.0) * (4.0 * largest) ** 2 / math.pi)
+        if packing.particles < fewest:
+            message = (
+                f"in a cell of {packing.particles} rings one could touch its own image: at least "
+                f"{fewest}"
+            )
+            raise Impossible([(("packing.particles",), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _resolve_every_period(self) -> Self:
+        shear, rows = self.shear, self.record.rows
+        if not isinstance(shear, SoftParticleOscillatoryShear) or rows is None:
+            return self
+        if rows < 20 * shear.periods or rows % shear.periods:
+            message = (
+                f"{rows} records of {shear.periods} periods: G′ and G″ are read with nine "
+                f"harmonics and need 20 or more in each, as many in all: {20 * shear.periods}, say"
+            )
+            raise Impossible([(("record.rows", "shear.periods"), message)])
         return self
 
     @model_validator(mode="after")

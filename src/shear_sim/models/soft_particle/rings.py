@@ -1,10 +1,18 @@
 """The rings of a study: what they are made of, and the scales that results are measured in."""
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
-from shear_sim.models.soft_particle.parameters import SoftParticle
+from shear_sim.models.soft_particle.kernels import ring_area
+from shear_sim.models.soft_particle.parameters import SoftParticle, SoftParticlePacking
+from shear_sim.models.soft_particle.state import Chains, Motion
+
+FloatArray = NDArray[np.float64]
 
 SLOWEST = 36.0 / 5.0  # ω₁² ρ_l R⁴/EI of a ring
 
@@ -76,3 +84,46 @@ def ring_body(model: SoftParticle, vertices: int, mean: float, radius: float | N
     core = Core() if model.core_ratio == 0.0 else Core(model.core, unit.core_modulus)
     points = ring_points(vertices, mean if radius is None else radius)
     return Body(points, True, 0.5 * thickness, unit.mass, shell, core)
+
+
+def disc_radius(model: SoftParticle) -> float:
+    """Return the radius of the disc that a ring stands for, with its thickness / its own radius."""
+    return 1.0 + 0.5 * model.thickness
+
+
+def rings_in_discs(
+    model: SoftParticle,
+    packing: SoftParticlePacking,
+    x: FloatArray,
+    y: FloatArray,
+    size: FloatArray,
+    rng: np.random.Generator,
+) -> list[Body]:
+    """Return a ring for each disc, turned at random, within its disc.
+
+    Parameters
+    ----------
+    x, y, size : (N,)
+        Centres and radii in mean radii of the discs, each of which is `disc_radius` × R.
+    """
+    outside = disc_radius(model)
+    bodies = []
+    for at_x, at_y, relative in zip(x, y, size, strict=True):
+        radius = packing.radius * (relative * outside - 0.5 * model.thickness)
+        body = ring_body(model, packing.vertices, packing.radius, radius)
+        turn = rng.uniform(0.0, 2.0 * math.pi)
+        matrix = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+        centre = packing.radius * outside * np.array([at_x, at_y])
+        bodies.append(replace(body, points=body.points @ matrix + centre))
+    return bodies
+
+
+def shapes(chains: Chains, motion: Motion) -> tuple[float, float]:
+    """Return the area of all rings [m²], with their thickness, and their mean circularity."""
+    sides = np.hypot(motion.x[chains.after] - motion.x, motion.y[chains.after] - motion.y)
+    perimeter = np.add.reduceat(sides, chains.start[:-1])
+    ends = zip(chains.start[:-1], chains.start[1:], strict=True)
+    area = np.array([ring_area(motion.x, motion.y, first, end) for first, end in ends])
+    r = chains.radius
+    solid = float((area + perimeter * r + math.pi * r**2).sum())
+    return solid, float((4.0 * math.pi * area / perimeter**2).mean())

@@ -14,10 +14,12 @@ from shear_sim.models.soft_particle.parameters import (
     Compaction,
     DiametralCompression,
     SoftParticle,
+    SoftParticleOscillatoryShear,
     SoftParticlePacking,
     SoftParticlePoint,
     SoftParticleRecord,
 )
+from shear_sim.models.soft_particle.suspension import Suspension
 from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
@@ -30,11 +32,13 @@ class SoftParticleSimulation:
     def __init__(self, point: SoftParticlePoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear
-        self.run: Diametral | Compactor = (
-            Compactor(self.point, shear, streams)
-            if isinstance(shear, Compaction)
-            else Diametral(self.point, shear)
-        )
+        self.run: Diametral | Compactor | Suspension
+        if isinstance(shear, Compaction):
+            self.run = Compactor(self.point, shear, streams)
+        elif isinstance(shear, SoftParticleOscillatoryShear):
+            self.run = Suspension(self.point, shear, streams)
+        else:
+            self.run = Diametral(self.point, shear)
         self.done = 0
         self._records: list[dict[str, float]] = []
         self.snapshots: list[Snapshot] = []
@@ -74,6 +78,19 @@ class SoftParticleSimulation:
         """Return JSON-ready facts."""
         system, unit = self.run.system, self.run.unit
         time = self._records[-1]["time"]
+        protocol: dict[str, Any] = {
+            "kind": self.point.shear.kind,
+            "tensors": [],
+            "shear_start": 0.0,
+            "shear_end": time,
+            "end": time,
+        }
+        checks: dict[str, float] = {}
+        if np.isfinite(system.work.closest).any():
+            checks["closest_approach"] = float(system.work.closest.min())
+        if isinstance(self.run, Suspension):
+            protocol |= {"tensors": ["periodic"], **self.run.protocol()}
+            checks |= self.run.checks(self.columns())
         return {
             "derived": {
                 "segment_length": unit.segment,
@@ -87,19 +104,11 @@ class SoftParticleSimulation:
                 "longest_stable_step": system.stable_step,
                 "steps": system.steps,
             },
-            "protocol": {
-                "kind": self.point.shear.kind,
-                "tensors": [],
-                "shear_start": 0.0,
-                "shear_end": time,
-                "end": time,
-            },
+            "protocol": protocol,
             "preparation": self.run.preparation(),
             "status": "completed",
             "measured": self.run.measured(self.columns()) if self.done == self.rows else None,
-            "checks": {"closest_approach": float(system.work.closest.min())}
-            if np.isfinite(system.work.closest).any()
-            else {},
+            "checks": checks,
             "flags": {},
         }
 

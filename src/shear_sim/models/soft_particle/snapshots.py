@@ -46,8 +46,10 @@ def take(system: System, row: int, frame: tuple[float, float, float, float]) -> 
     left, bottom, width, height = frame
     at = walls.position - left * walls.nx - bottom * walls.ny
     planes = np.column_stack([walls.nx, walls.ny, at])
+    periodic = bool(system.cell.size[1] > 0.0)
+    offset = float(system.cell.strain[0] * system.cell.size[1])
     return Snapshot(
-        row=row, width=width, height=height, offset=0.0, periodic=False,
+        row=row, width=width, height=height, offset=offset, periodic=periodic,
         position=np.column_stack([motion.x - left, motion.y - bottom]),
         velocity=np.column_stack([motion.vx, motion.vy]),
         spin=np.zeros(len(motion.x)),
@@ -75,13 +77,15 @@ def _between_chains(system: System) -> Iterator[_Contact]:
     x, y, before, after = motion.x, motion.y, chains.before, chains.after
     springs = system.springs
     listed = (lists.vertex, lists.segment, lists.kind, lists.reach)
-    for v, s, kind, reach in zip(*(each.tolist() for each in listed), strict=True):
+    shifts = lists.shift.T.tolist()
+    for v, s, kind, reach, shift in zip(*(each.tolist() for each in listed), shifts, strict=True):
         j = int(after[s])
-        overlap, nx, ny, share = side(x, y, v, s, j, reach, kind)
+        at = float(x[v]) - shift[0], float(y[v]) - shift[1]
+        overlap, nx, ny, share = side(x, y, *at, s, j, reach, kind)
         found = [(1.0, overlap, nx, ny, j if share > 0.5 else s)]
-        found.append((*corner(x, y, v, int(before[s]), s, j, reach, kind), s))
+        found.append((*corner(x, y, *at, int(before[s]), s, j, reach, kind), s))
         if kind == LAST:
-            found.append((*corner(x, y, v, s, j, -1, reach, kind), j))
+            found.append((*corner(x, y, *at, s, j, -1, reach, kind), j))
         # On v, along its tangent, which points against that to j.
         along = float(springs.force[v][springs.segment[v] == s].sum())
         for coefficient, overlap, nx, ny, end in found:

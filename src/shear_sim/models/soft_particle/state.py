@@ -17,8 +17,8 @@ CORE_LAWS = ("none", "elastic", "drained", "gas", "log")
 RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # status of a march
 
 # Work done and energy lost so far, each by its own force [J/m]: places in ``Work.energy``.
-STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN = range(8)
-ENERGIES = 8
+STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN, SHEARING = range(9)
+ENERGIES = 9
 
 SLOTS = 4  # separate places where one vertex can touch with friction at once
 
@@ -79,16 +79,32 @@ class Lists(NamedTuple):
     segment: Ints  # (C,)
     kind: Ints  # (C,) ONE_SIDED, TWO_SIDED or LAST
     reach: Floats  # (C,) distance of touching, the sum of both radii [m]
+    image: Ints  # (2, C) widths and heights of the cell by which the segment is displaced
+    shift: Floats  # (2, C) that displacement in x and y, now [m]
+    strain: Floats  # (1,) of the cell when the lists were made
+    span: Floats  # (1,) bound on the distance of a vertex from either end of its segments [m]
     x: Floats  # (V,) where the vertices were when the lists were made [m]
     y: Floats
     touching: Ints  # (C,)
     place: Ints  # (3C, 4)
-    found: Floats  # (3C, 5)
+    found: Floats  # (3C, 7)
     run: Ints  # (3C,)
 
 
 # Contact from outside a ring; with an open chain or the own one; with the last segment of one.
 ONE_SIDED, TWO_SIDED, LAST = 0, 1, 2
+
+
+class Cell(NamedTuple):
+    """A periodic cell under γ(t) = A sin ωt, or none."""
+
+    size: Floats  # (2,) width and height [m]; 0: there is no cell
+    wave: Floats  # (2,) A and ω [1/s]
+    steps: Ints  # (1,) made since γ = 0
+    strain: Floats  # (3,) γ and γ̇ [1/s] now, and the mean γ̇ of the step before
+    #: (2, 4) of forces and of dashpots: Σ f_x s_x, Σ f_x s_y, Σ f_y s_x, Σ f_y s_y, s: displacement
+    #: of the image that each contact is with [N]
+    images: Floats
 
 
 class Springs(NamedTuple):
@@ -189,3 +205,11 @@ def work(vertices: int) -> Work:
         np.zeros((8, vertices)),
         np.zeros(vertices, np.int32),
     )
+
+
+def cell(width: float = 0.0, height: float = 0.0) -> Cell:
+    """Return a cell without shear."""
+    return Cell(
+        np.array([width, height]), np.zeros(2), np.zeros(1, np.int32), np.zeros(3),
+        np.zeros((2, 4)),
+    )  # fmt: skip

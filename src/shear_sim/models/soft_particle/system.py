@@ -28,6 +28,7 @@ from shear_sim.models.soft_particle.state import (
     NOT_FINITE,
     RUNNING,
     SEPARATION,
+    SHEARING,
     SLIDING,
     STRETCH_YIELD,
     TOO_FAST,
@@ -37,6 +38,7 @@ from shear_sim.models.soft_particle.state import (
     springs,
     work,
 )
+from shear_sim.models.soft_particle.state import cell as no_cell
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -76,6 +78,7 @@ class Budget(NamedTuple):
     by_walls: float
     by_forces: float
     by_velocities: float
+    by_shear: float
     stretch_yield: float
     bend_yield: float
     sliding: float
@@ -94,7 +97,7 @@ def ledger(budget: Budget) -> dict[str, float]:
         "energy_core": budget.core,
         "energy_contact": budget.normal + budget.tangential,
         "energy_kinetic": budget.kinetic,
-        "work": budget.by_walls,
+        "work": budget.by_walls + budget.by_shear,
         "lost_by_yield": budget.stretch_yield + budget.bend_yield,
         "lost_by_friction": budget.sliding + budget.separation,
         "lost_by_damping": budget.damping,
@@ -152,6 +155,8 @@ class System:
         Force of a vertex per velocity [N s/m²].
     step : float, optional
         δt [s]; default a fifth of the longest stable one.
+    cell : (float, float), optional
+        Width and height of a periodic cell [m], see ``shear``; no walls then.
 
     Raises
     ------
@@ -172,6 +177,7 @@ class System:
         contact_damping: float = 0.0,
         drag: float = 0.0,
         step: float | None = None,
+        cell: tuple[float, float] | None = None,
     ) -> None:
         self.chains, self.motion = assemble(bodies)
         self.stable_step = 2.0 / highest_frequency(
@@ -198,6 +204,7 @@ class System:
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         self.springs = springs(vertices, len(table))
         self.work = work(vertices)
+        self.cell = no_cell() if cell is None else no_cell(*cell)
         self.links = no_links()
         self.rigid = freeze_shapes(self.chains, self.motion, np.zeros(0, np.int32))
         self.held = np.zeros(0, np.int32)
@@ -221,16 +228,19 @@ class System:
         self._at_start = self._stored_and_kinetic()
 
     def _forces(self, rules: Rules) -> None:
-        self.motion.px[:] = self.motion.vx
+        flow = self.cell.strain[1] * self.motion.free_x * self.motion.y
+        self.motion.px[:] = self.motion.vx + flow
         self.motion.py[:] = self.motion.vy
         status = apply_forces(
             self.chains, self.lists, rules, self.motion, self.springs, self.links, self.walls,
-            self.work, self.damped,
+            self.cell, self.work, self.damped,
         )  # fmt: skip
         self._guard(status)
 
     def _list(self) -> None:
-        self.lists = near_segments(self.chains, self.motion.x, self.motion.y, self.skin)
+        self.lists = near_segments(self.chains, self.motion.x, self.motion.y, self.skin, self.cell)
+        if len(self.held):  # which the flow of the cell leaves behind
+            self.lists.span[0] += np.abs(self.motion.y[self.held]).max()
         self.work.travelled[0] = 0.0
 
     @property
@@ -250,7 +260,7 @@ class System:
         while self.steps < target:
             done, status = march(
                 self.chains, self.lists, self.rules, self.motion, self.springs, self.links,
-                self.rigid, self.held, self.walls, self.work,
+                self.rigid, self.held, self.walls, self.cell, self.work,
                 target - self.steps, self.skin, self.leap, self.damped,
             )  # fmt: skip
             self.steps += done
@@ -258,6 +268,56 @@ class System:
                 status = RUNNING
                 self._list()
             self._guard(status)
+
+    def shear(self, amplitude: float, frequency: float) -> None:
+        """Shear the cell from now on by γ(t) = ``amplitude`` sin ωt, ω = 2π ``frequency`` [1/s].
+
+        Held vertices stay where they are, as a plate at y = 0 that has its image at y = H.
+
+        Raises
+        ------
+        ValueError
+            If there are walls, links or rigid particles, which know no images.
+        """
+        if len(self.walls.nx) or len(self.links.vertex) or len(self.rigid.chain):
+            msg = "a sheared cell has no walls, links or rigid particles: hold vertices instead"
+            raise ValueError(msg)
+        self.cell.wave[:] = amplitude, 2.0 * math.pi * frequency
+        self.cell.steps[0] = 0
+        self.cell.strain[:] = 0.0, amplitude * self.cell.wave[1], 0.0
+        self.begin()
+
+    def stress(self) -> FloatArray:
+        """Return σ_xx, σ_xy, σ_yx, σ_yy [Pa] of the cell, compression positive, dashpots included.
+
+        Forces on held vertices act at the line y = 0: σ_xy and σ_yy are those on a plate / width.
+        """
+        m, mass = self.motion, self.chains.mass
+        fx, fy, lever = m.fx + m.dx, m.fy + m.dy, m.free_y * m.y
+        sums = np.array(
+            [
+                (fx * m.x + mass * m.vx * m.vx).sum(), (fx * lever + mass * m.vx * m.vy).sum(),
+                (fy * m.x + mass * m.vy * m.vx).sum(), (fy * lever + mass * m.vy * m.vy).sum(),
+            ]
+        )  # fmt: skip
+        return np.asarray((sums - self.cell.images.sum(axis=0)) / self.cell.size.prod())
+
+    def shrink(self, factor: float) -> None:
+        """Bring chains nearer to each other, and the edges of the cell, without a change of shape.
+
+        Parameters
+        ----------
+        factor : float
+            All distances of their centres are multiplied by this.
+        """
+        chains, motion = self.chains, self.motion
+        count = np.diff(chains.start)
+        for place in (motion.x, motion.y):
+            centre = np.add.reduceat(place, chains.start[:-1]) / count
+            place += np.repeat((factor - 1.0) * centre, count)
+        self.cell.size[:] *= factor
+        self._list()
+        self._forces(self.rules._replace(step=0.0))
 
     def hold(self, vertices: IndexArray, vx: float | None = 0.0, vy: float | None = 0.0) -> None:
         """Impose the velocity [m/s] of ``vertices``, in x, y or both (None: free).
@@ -371,7 +431,8 @@ class System:
             (body.mass * (body.vx**2 + body.vy**2) + body.inertia * body.spin**2).sum()
         )
         loose = ~np.isin(self.chains.chain, body.chain)
-        ax = m.free_x * (m.fx + m.dx - drag * m.px) / mass
+        against = m.px - self.cell.strain[1] * m.y
+        ax = m.free_x * (m.fx + m.dx - drag * against) / mass
         ay = m.free_y * (m.fy + m.dy - drag * m.py) / mass
         square = m.vx**2 + m.vy**2 - 0.25 * dt**2 * (ax**2 + ay**2)
         return rigid + 0.5 * float((mass * square)[loose].sum())
@@ -400,12 +461,15 @@ class System:
             (motion.gx * (motion.x - self._x0) + motion.gy * (motion.y - self._y0)).sum()
         )
         walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
+        shear = float(energy[SHEARING])
         lost = (
             energy[STRETCH_YIELD], energy[BEND_YIELD], energy[SLIDING], energy[SEPARATION],
             energy[DAMPING], energy[DRAG], energy[BROKEN],
         )  # fmt: skip
         kinetic, stored = self.kinetic(), self.stored()
-        missing = walls + forces + imposed - sum(lost) - kinetic - sum(stored) + self._at_start
+        missing = (
+            walls + forces + imposed + shear - sum(lost) - kinetic - sum(stored) + self._at_start
+        )
         return Budget(
-            *map(float, (kinetic, *stored, walls, forces, imposed, *lost, missing)),
+            *map(float, (kinetic, *stored, walls, forces, imposed, shear, *lost, missing)),
         )

@@ -183,10 +183,10 @@ def test_a_task_has_the_cores_of_its_job(plan, fake):
     submit(replace(plan, study=replace(plan.study, threads=3)), Limits(minutes=600), print)
     scripts = [path.read_text() for path in fake.folder.glob("script-*")]
     cores = {
-        "report" in script: re.findall(r"#SBATCH --cpus-per-task=(\d+)\n", script)
+        "#SBATCH --array=" in script: re.findall(r"#SBATCH --cpus-per-task=(\d+)\n", script)
         for script in scripts
     }
-    assert cores == {False: ["3"], True: ["1"]}
+    assert cores == {True: ["3"], False: ["1"]}
 
 
 def test_no_warning_comes_before_the_program_is_ready_for_it(plan, fake):

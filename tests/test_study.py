@@ -713,7 +713,6 @@ def test_reading_a_study_is_light():
         ("soft_tissue", 2, 2),
         ("film", 2, 2),
         ("particleshear", 840, 840),
-        ("film", 2, 2),
     ],
 )
 def test_configs_load_and_have_their_size(name, least, most):
@@ -750,7 +749,6 @@ def test_every_config_file_is_tested():
         "soft_suspension",
         "three_methods",
         "soft_tissue",
-        "film",
         "particleshear",
     }
 

@@ -183,7 +183,7 @@ def test_a_task_has_the_cores_of_its_job(plan, fake):
     submit(replace(plan, study=replace(plan.study, threads=3)), Limits(minutes=600), print)
     scripts = [path.read_text() for path in fake.folder.glob("script-*")]
     cores = {
-        "#SBATCH --array=" in script: re.findall(r"#SBATCH --cpus-per-task=(\d+)\n", script)
+        "--array=" in script: re.findall(r"#SBATCH --cpus-per-task=(\d+)\n", script)
         for script in scripts
     }
     assert cores == {True: ["3"], False: ["1"]}

@@ -126,6 +126,7 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
     """Return the batch script of one array: resources, and one line as in slurm/sweep.sbatch."""
     resources = {
         "array": index_list(range(len(part))),
+        "cpus-per-task": plan.study.threads,
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
         "signal": f"B:USR1@{WARNING_SECONDS}",
@@ -143,7 +144,6 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
 def aggregation_script(plan: Plan, limits: Limits, after: list[str]) -> str:
     """Return the batch script of the aggregation, which runs after arrays, however they end."""
     resources: dict[str, object] = {
-        "cpus-per-task": plan.study.threads,
         "time": min(AGGREGATION_MINUTES, limits.minutes or AGGREGATION_MINUTES),
         "mem": f"{max(LEAST_MEMORY_MB, limits.memory_mb or 0) + plan.total // 25}M",
         "output": _log(plan, "slurm-%j.log"),

@@ -2,9 +2,9 @@
 
 .venv/bin/python analysis/benchmarks/limit.py
 
-Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and the rows of
-numbers that are read, transposed and written where pairs meet discs. Per disc: every array once
-through memory. Counts are those of our method; another method has others.
+Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and the numbers
+that are stored one by one where pairs meet discs. Per disc: every array once through memory. Counts
+are those of our method; another method has others.
 """
 
 import argparse
@@ -16,27 +16,25 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.microgel.octets import OCTET, add_to_both, between
-from shear_sim.models.microgel.simulation import aligned
-from shear_sim.models.microgel.state import LANES
-
 FloatArray = NDArray[np.float64]
 
 # Of the force on a pair, counted in the machine code of `pair_forces`.
 DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73
+# Of a pair that meets its discs: six differences and six sums, each stored by itself.
+STORES = 12
 # Bytes that a step reads and writes: of a pair its table (10 numbers, 5 of them written too, and
-# two indices), of a disc 38 numbers, 24 of them written too.
-PAIR_BYTES, DISC_BYTES = 8 * 15 + 8, 8 * 62
+# two indices), of a disc 26 numbers, 12 of them written too.
+PAIR_BYTES, DISC_BYTES = 8 * 15 + 8, 8 * 38
 REPEATS = 15
 
 
 class Machine(NamedTuple):
-    """Measured times [s]: of one number each, as part of a vector; of a pair that meets discs."""
+    """Measured times [s]: of one number each, as part of a vector or, stores, by itself."""
 
     division: float
     root: float
     operation: float
-    meeting: float
+    store: float
     sizes: FloatArray  # of what is read and written again and again [bytes]
     byte: FloatArray  # time of one byte at these sizes
 
@@ -65,14 +63,9 @@ def _multiply_and_add(a: FloatArray, b: FloatArray) -> None:
 
 
 @numba.njit
-def _meet_discs(
-    i: NDArray[np.uint32], j: NDArray[np.uint32], rows: FloatArray, sums: FloatArray,
-    block: FloatArray,
-) -> None:  # fmt: skip
-    for first in range(0, i.shape[0], LANES):
-        for s in range(0, LANES, OCTET):
-            between(rows, i, j, first + s, block, s)
-            add_to_both(block, OCTET * LANES + s, i, j, first + s, sums)
+def _scatter(index: NDArray[np.uint32], a: FloatArray, b: FloatArray) -> None:
+    for i in range(index.shape[0]):
+        b[index[i]] += a[i]
 
 
 @numba.njit
@@ -106,9 +99,8 @@ def measure() -> Machine:
         return _fastest(lambda: _again(kernel, times, a, b)) / (times * n)
 
     rng = np.random.default_rng(0)
-    i = np.tile(np.repeat(np.arange(n), 3), 700).astype(np.uint32)  # as a list has them
-    j = ((i + rng.choice([1, 22, 23, 24], len(i))) % n).astype(np.uint32)  # neighbours in rows
-    rows, sums, block = aligned(n, OCTET), aligned(n, 4), np.zeros((OCTET + 3) * LANES)
+    index = np.concatenate([rng.permutation(n) for _ in range(2000)]).astype(np.uint32)
+    values = rng.random(len(index))
     sizes = 2.0 ** np.arange(14, 28)
     per_byte = []
     for size in sizes:
@@ -120,7 +112,7 @@ def measure() -> Machine:
         division=each(_divide),
         root=each(_root),
         operation=each(_multiply_and_add) / 15,
-        meeting=_fastest(lambda: _meet_discs(i, j, rows, sums, block)) / len(i),
+        store=_fastest(lambda: _scatter(index, values, b)) / len(index),
         sizes=sizes,
         byte=np.array(per_byte),
     )
@@ -135,7 +127,7 @@ def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, flo
         Pairs per disc whose forces are worked out.
     """
     arithmetic = DIVISIONS * machine.division + ROOTS * machine.root
-    arithmetic += OPERATIONS * machine.operation + machine.meeting
+    arithmetic += OPERATIONS * machine.operation + STORES * machine.store
     size = PAIR_BYTES * pairs + DISC_BYTES
     byte = float(np.interp(np.log(discs * size), np.log(machine.sizes), machine.byte))
     return pairs * arithmetic, size * byte
@@ -144,7 +136,7 @@ def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, flo
 if __name__ == "__main__":
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     found = measure()
-    for name in ("division", "root", "operation", "meeting"):
+    for name in ("division", "root", "operation", "store"):
         print(f"{name:10s} {getattr(found, name) * 1e9:6.3f} ns")
     for size, byte in zip(found.sizes, found.byte, strict=True):
         print(f"{size / 2**20:8.3f} MB {1e-9 / byte:6.1f} GB/s")

@@ -3,20 +3,17 @@
 .venv/bin/python analysis/benchmarks/speed.py [PART ...] [--rounds 5] [--largest N] [--out FOLDER]
 
 Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), lists (what a new list of
-contacts costs), threads (one job on two cores, against one), growth (1,000 to 100,000 discs), job
-(a default job, split), sweep (what a sweep costs beside its simulations), plan (the study at the
-published scale: planned after a sample of its jobs has run), start (`--help`, import, first
-compilation).
+contacts costs), growth (1,000 to 100,000 discs), job (a default job, split), sweep (what a sweep
+costs beside its simulations), plan (the study at the published scale: planned after a sample of its
+jobs has run), start (`--help`, import, first compilation).
 
-Times are CPU time of one process, those of threads by the clock on the wall. Both programs take the
-same steps from the same start, turn by turn, and record their stress at every step; a figure is the
-median over rounds, a ratio the median of the rounds' ratios. LAMMPS is timed as the difference to a
-run without steps. In --out (default: results/benchmarks) are growth.csv, of which fig_growth.py
-makes a figure, and speed.md, the table.
+Times are CPU time of one process. Both programs take the same steps from the same start, turn by
+turn, and record their stress at every step; a figure is the median over rounds, a ratio the median
+of the rounds' ratios. LAMMPS is timed as the difference to a run without steps. In --out (default:
+results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and speed.md, the table.
 """
 
 import argparse
-import copy
 import gc
 import json
 import os
@@ -36,12 +33,10 @@ import scenes
 
 from shear_sim.models.microgel import COLUMNS
 from shear_sim.models.microgel.motion import renew_contacts
-from shear_sim.models.microgel.parameters import Microgel, MicrogelPoint
+from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.simulation import MicrogelSimulation
 from shear_sim.neighbours import find_pairs
-from shear_sim.packing import Packing
-from shear_sim.protocol import OscillatoryShear
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
 from shear_sim.study import Job
@@ -160,34 +155,6 @@ def lists(rounds: int, _: Path) -> Iterator[Row]:
         yield f"new list of contacts, N = {discs:,}", us(whole / times), remark
     made = [renewals(prepare(MicrogelPoint(), Streams(1, r))) for r in range(5 * rounds)]
     yield "  lists that a default job makes", f"{np.median(made):.0f}", f"{len(made)} replicates"
-
-
-def wall(simulation: MicrogelSimulation, threads: int, steps: int) -> float:
-    """Return the wall-clock time of a step of a copy of ``simulation`` [s]."""
-    one = copy.deepcopy(simulation)
-    one.threads = threads
-    one.advance(1)
-    began = time.perf_counter()
-    one.advance(steps)
-    return (time.perf_counter() - began) / steps
-
-
-def threads(rounds: int, _: Path) -> Iterator[Row]:
-    """Two cores for one job: wall-clock time, turn by turn, of jobs with links and new lists."""
-    for discs, steps in ((1024, 60), (4096, 30), (16384, 16)):
-        point = MicrogelPoint(
-            packing=Packing(discs=discs),
-            model=Microgel(friction=0.1),
-            shear=OscillatoryShear(strain_amplitude=0.1, pre_periods=0),
-        )
-        simulation = prepare(point, Streams(1, 0))
-        simulation.advance(2)
-        took = np.array([[wall(simulation, t, steps) for t in (1, 2)] for _ in range(4 * rounds)])
-        fastest = took.min(axis=0)
-        middle = np.median(took[:, 0] / took[:, 1])
-        remark = f"{fastest[0] / fastest[1]:.2f} times faster; median of {len(took)}: {middle:.2f}"
-        what = f"step of a linked packing, N = {discs:,}: 1 and 2 threads, wall clock"
-        yield what, f"{us(fastest[0])}; {us(fastest[1])}", remark
 
 
 def growth(rounds: int, out: Path) -> Iterator[Row]:
@@ -370,8 +337,8 @@ def peak_memory() -> float:
 
 
 PARTS = {
-    "step": step, "lists": lists, "threads": threads, "growth": growth, "job": job, "sweep": sweep,
-    "plan": plan, "start": start,
+    "step": step, "lists": lists, "growth": growth, "job": job, "sweep": sweep, "plan": plan,
+    "start": start,
 }  # fmt: skip
 
 

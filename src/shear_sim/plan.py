@@ -188,8 +188,7 @@ def make_plan(
     retry_failed : bool
         Also run jobs that failed by physics.
     jobs : int, optional
-        Number of workers, at least 1; default: as many as have `default_workers` cores, each with
-        the cores that the study gives to one job.
+        Number of workers, at least 1; see `default_workers`.
     measure : bool
         Also read what finished jobs have cost. Tasks of an array leave that alone: it would have
         all of them read all results, and write the same index.
@@ -231,7 +230,7 @@ def make_plan(
         again={job.id: failures[job.id] for job in chosen if job.id in failures},
         waiting=waiting,
         orphans=len(finished.difference(points)),
-        workers=min(jobs or max(1, default_workers() // study.threads), len(chosen)),
+        workers=min(jobs or default_workers(), len(chosen)),
         points=points,
         cpu_s=cpu_s,
         wall_s=wall_s,

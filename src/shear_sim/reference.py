@@ -26,8 +26,6 @@ DESIGN = """\
 scenes: {}                          # {name: {key: value}}: sets of changes, side by side
 replicates: 1                       # jobs of each point, at least 1
 seed: 0                             # of all random numbers, at least 0
-threads: 1                          # cores of one job (microgel, from some 1,000 discs on); changes
-                                    # neither its id nor its bits
 # sweep:                            # a block or a list of blocks, added up; each may have
 #   name: amplitude
 #   scenes: [crosslinked]           # default: all

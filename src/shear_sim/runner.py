@@ -76,7 +76,6 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
     old = checkpoint.exists()
     progress = read_checkpoint(checkpoint) or Progress(model.start(job.point, job.streams))
     simulation, kept = progress.simulation, time.monotonic()
-    simulation.threads = job.threads
     try:
         for _ in _blocks(simulation):
             stopping = stop()

@@ -25,10 +25,6 @@ from shear_sim.cell import Floats
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
-    CLOSEST_OF,
-    CLOSING_OF,
-    FASTEST,
-    LONGEST_OF,
     accelerate,
     add_scaled,
     bits,
@@ -38,8 +34,6 @@ from shear_sim.models.microgel.motion import (
     energy_row,
     finish_row,
     kick,
-    largest_of,
-    mine,
     moved,
     number,
     peak_rate,
@@ -49,7 +43,6 @@ from shear_sim.models.microgel.motion import (
     strain_at,
     tally,
 )
-from shear_sim.models.microgel.octets import OCTET, SIGNS, add_to_both, between, to_rows
 from shear_sim.models.microgel.state import (
     BLOCK_ROWS,
     DISTANCE,
@@ -57,7 +50,6 @@ from shear_sim.models.microgel.state import (
     EY,
     LANES,
     MOST_PIECES,
-    NEAR,
     NOT_FINITE,
     NX,
     NY,
@@ -81,7 +73,6 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.prefetch import prefetch
-from shear_sim.threads import meet
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
 # no tangential forces: a scene without friction pays for no rotation.
@@ -92,15 +83,12 @@ RESET = False  # whether a slip empties the spring, as in the historical program
 
 CACHED_ROWS = 100  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
 
-# Places in a row of Pairs.shared, after forces and torques.
-SUMS, LOWEST, HIGHEST = 3 * LANES, 3 * LANES + 16, 3 * LANES + 17
-
 # Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
 # rims, place in the cell; then force on i and torque / r; then extremes over all blocks; then what
-# TALLY asks for; then what the block adds to the sums of a record.
+# TALLY asks for.
 (
     DX, DY, CX, CY, RIMS, ROLLED, LX, LY, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
-    ELASTIC, VN, VT, BEFORE, SLID, TOTALS,
+    ELASTIC, VN, VT, BEFORE, SLID,
 ) = range(0, BLOCK_ROWS * LANES, LANES)  # fmt: skip
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -127,39 +115,35 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
 
 
 @jit(_nrt=False)
-def lay_out(discs: Discs, work: Work) -> None:
-    """Write what pairs ask of their discs to one row of each, and no force yet."""
-    x, y, radius = discs.x, discs.y, discs.radius
-    px, py, pspin, turn, lx, ly = work.px, work.py, work.pspin, work.turn, work.lx, work.ly
-    rim, rolled, rows, sums = work.rim, work.rolled, work.rows, work.sums
-    first, last = mine(work)
-    if TANGENTIAL:
-        for a in range(first, last):
-            rim[a] = radius[a] * pspin[a]
-            rolled[a] = radius[a] * turn[a]
-    begin, whole = np.int64(first), np.int64(last) - np.int64(last) % OCTET
-    for a in range(begin, whole, OCTET):
-        to_rows((x, y, px, py, rim, rolled, lx, ly), a, rows)
-    for a in range(np.uint64(whole), last):
-        rows[a, 0], rows[a, 1], rows[a, 2], rows[a, 3] = x[a], y[a], px[a], py[a]
-        rows[a, 4], rows[a, 5], rows[a, 6], rows[a, 7] = rim[a], rolled[a], lx[a], ly[a]
-    for a in range(first, last):  # a whole array at once is five times slower
-        for q in range(sums.shape[1]):
-            sums[a, q] = 0.0
+def gather(
+    x: Floats, y: Floats, cx: Floats, cy: Floats, rim: Floats, rolled: Floats,
+    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
+) -> None:  # fmt: skip
+    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``."""
+    at = np.uint64(first)
+    for s in range(m):
+        a = i[at + np.uint64(s)]
+        b = j[at + np.uint64(s)]
+        block[DX + s] = x[b] - x[a]
+        block[DY + s] = y[b] - y[a]
+        block[CX + s] = cx[b] - cx[a]
+        block[CY + s] = cy[b] - cy[a]
+        if TANGENTIAL:
+            block[RIMS + s] = rim[b] + rim[a]
+            block[ROLLED + s] = rolled[b] + rolled[a]
 
 
 @jit(_nrt=False)
-def gather(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
-    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``."""
+def gather_places(
+    lx: Floats, ly: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
+) -> None:
+    """Write to ``block`` what lies between the places in the cell, for `stress_of`."""
     at = np.uint64(first)
-    whole = m - m % OCTET
-    for s in range(0, whole, OCTET):
-        between(rows, i, j, first + s, block, DX + s)
-    for s in range(whole, m):
+    for s in range(m):
         a = i[at + np.uint64(s)]
         b = j[at + np.uint64(s)]
-        for q in range(OCTET):
-            block[DX + q * LANES + s] = rows[b, q] + SIGNS[q] * rows[a, q]
+        block[LX + s] = lx[b] - lx[a]
+        block[LY + s] = ly[b] - ly[a]
 
 
 @jit(_nrt=False)
@@ -286,35 +270,34 @@ def pair_forces(
 
 @jit(_nrt=False)
 def scatter(
-    sums: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, at: int
-) -> None:
-    """Add the forces of a block, from ``at`` on, to those of its discs; torques / r too."""
-    whole = m - m % OCTET
-    for s in range(0, whole, OCTET):
-        add_to_both(block, at + s, i, j, first + s, sums)
-    for s in range(whole, m):
-        a = i[np.uint64(first + s)]
-        b = j[np.uint64(first + s)]
-        sums[a, 0] += block[at + s]
-        sums[a, 1] += block[at + LANES + s]
-        sums[b, 0] -= block[at + s]
-        sums[b, 1] -= block[at + LANES + s]
+    fx: Floats, fy: Floats, torque: Floats,
+    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
+) -> None:  # fmt: skip
+    """Add the forces of a block to those of its discs, and torques in units of the radius."""
+    at = np.uint64(first)
+    for s in range(m):
+        a = i[at + np.uint64(s)]
+        b = j[at + np.uint64(s)]
+        fx[a] += block[FX + s]
+        fy[a] += block[FY + s]
+        fx[b] -= block[FX + s]
+        fy[b] -= block[FY + s]
         if TANGENTIAL:
-            sums[a, 2] += block[at + 2 * LANES + s]
-            sums[b, 2] += block[at + 2 * LANES + s]
+            torque[a] += block[TWIST + s]
+            torque[b] += block[TWIST + s]
 
 
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def stress_of(
-    block: Floats, table: Floats, m: int, elsewhere: float, sums: Floats, at: int
+    block: Floats, table: Floats, m: int, elsewhere: float, tensors: Floats, row: Floats
 ) -> None:
-    """Write what a block adds to the sums of a record, 16 numbers, to ``sums`` from ``at`` on.
+    """Add a block to the sums of a record.
 
-    They are −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
+    ``tensors``: −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
     inside the cell, and the forces of the others as outside forces on the discs of the cell, at
     their places (Table S2-3). Such are pairs across an edge, and those of a glued disc: their
-    places are not as far apart as their discs, by more than ``elsewhere``. Then the numbers of
+    places are not as far apart as their discs, by more than ``elsewhere``. ``row``: the numbers of
     touching and of sliding pairs.
     """
     xx = xy = yx = yy = twist = touching = sliding = 0.0
@@ -345,21 +328,22 @@ def stress_of(
             ot += both if outside else 0.0
             sliding += 1.0 if table[STATE + s] == SLIDE else 0.0
         touching += 1.0 if dx * dx + dy * dy < D * D else 0.0
-    found = (
-        xx, xy, yx, yy, twist, xx - oxx, xy - oxy, yx - oyx, yy - oyy, twist - ot,
-        exx, exy, eyx, eyy, touching, sliding,
-    )  # fmt: skip
-    for c in range(16):
-        sums[at + c] = found[c]
-
-
-@jit(_nrt=False)
-def add_sums(work: Work, sums: Floats, at: int) -> None:
-    """Add what `stress_of` has written to the sums of the record."""
-    for c in range(14):
-        work.tensors[c] += sums[at + c]
-    work.row[0] += sums[at + 14]
-    work.row[1] += sums[at + 15]
+    tensors[0] += xx
+    tensors[1] += xy
+    tensors[2] += yx
+    tensors[3] += yy
+    tensors[4] += twist
+    tensors[5] += xx - oxx
+    tensors[6] += xy - oxy
+    tensors[7] += yx - oyx
+    tensors[8] += yy - oyy
+    tensors[9] += twist - ot
+    tensors[10] += exx
+    tensors[11] += exy
+    tensors[12] += eyx
+    tensors[13] += eyy
+    row[0] += touching
+    row[1] += sliding
 
 
 @jit(_nrt=False)
@@ -394,107 +378,6 @@ def tally_pairs(work: Work, table: Floats, m: int, springs: Springs, constants: 
 
 
 @jit(_nrt=False)
-def block_forces(
-    work: Work,
-    pairs: Pairs,
-    springs: Springs,
-    constants: Constants,
-    count: int,
-    offset: float,
-    rate: float,
-    h: float,
-    record: bool,
-) -> None:
-    """Work out this thread's share of ``count`` pairs and add up what follows from each block.
-
-    With several threads that is kept in ``pairs.shared`` for `collect`: forces and torques of the
-    pairs, what they add to the sums of a record, the lowest and highest of their discs. Pairs lie
-    in the order of their discs, but for each distance anew (`renew_contacts`): a thread has its
-    share of each distance, so that most discs that it meets are its own.
-    """
-    block, i, j = work.block, pairs.i, pairs.j
-    elsewhere = 0.1 * min(constants.width, constants.height)
-    begin = 0
-    for group in range(NEAR):
-        # Links, which alone have a reach, are of one distance.
-        end = count if springs.reach > 0.0 else min(int(work.near[1 + group]), count)
-        blocks = max(0, (end + LANES - 1) // LANES - begin)
-        from_row, to_row = begin, begin + blocks
-        if work.threads > 1:  # divisions take as long as a disc
-            from_row = begin + blocks * work.thread // work.threads
-            to_row = begin + blocks * (work.thread + 1) // work.threads
-        begin += blocks
-        for row in range(from_row, to_row):
-            first = row * LANES
-            m = int(min(LANES, count - first))
-            table = pairs.table[row]
-            fetch(pairs.table, row + 1, 0)
-            gather(work.rows, i, j, first, m, block)
-            fetch(pairs.table, row + 1, 1)
-            pair_forces(block, table, m, springs, constants, offset, rate, h)
-            fetch(pairs.table, row + 1, 2)
-            if record:
-                stress_of(block, table, m, elsewhere, block, TOTALS)
-            if work.threads == 1:
-                scatter(work.sums, i, j, first, m, block, FX)
-                if record:
-                    add_sums(work, block, TOTALS)
-                if TALLY:
-                    tally_pairs(work, table, m, springs, constants)
-            else:
-                keep_block(block, i, j, first, m, pairs.shared[row])
-            fetch(pairs.table, row + 1, 3)
-
-
-@jit(_nrt=False)
-def keep_block(block: Floats, i: Unsigned, j: Unsigned, first: int, m: int, shared: Floats) -> None:
-    """Write what follows from a block to its row of ``Pairs.shared``."""
-    for s in range(3 * LANES):  # FX, FY and TWIST follow each other
-        shared[s] = block[FX + s]
-    for s in range(16):
-        shared[SUMS + s] = block[TOTALS + s]
-    lowest, highest = i[np.uint64(first)], j[np.uint64(first)]
-    for s in range(m):
-        lowest = min(lowest, i[np.uint64(first + s)])
-        highest = max(highest, j[np.uint64(first + s)])  # i < j
-    shared[LOWEST], shared[HIGHEST] = lowest, highest
-
-
-@jit(_nrt=False)
-def collect(work: Work, pairs: Pairs, count: int, record: bool) -> None:
-    """Add up what `block_forces` has kept, for this thread's discs in the order of the list.
-
-    So every disc's sum is made as one thread would have made it, to the bit.
-    """
-    sums, i, j = work.sums, pairs.i, pairs.j
-    begin, end = mine(work)
-    for row in range((count + LANES - 1) // LANES):
-        first = row * LANES
-        m = min(LANES, count - first)
-        shared = pairs.shared[row]
-        lowest, highest = np.uint64(shared[LOWEST]), np.uint64(shared[HIGHEST])
-        if highest < begin or lowest >= end:
-            continue
-        if lowest >= begin and highest < end:
-            scatter(sums, i, j, first, m, shared, 0)
-            continue
-        for s in range(m):
-            a = np.uint64(i[np.uint64(first + s)])
-            b = np.uint64(j[np.uint64(first + s)])
-            if begin <= a < end:
-                sums[a, 0] += shared[s]
-                sums[a, 1] += shared[LANES + s]
-                sums[a, 2] += shared[2 * LANES + s]
-            if begin <= b < end:
-                sums[b, 0] -= shared[s]
-                sums[b, 1] -= shared[LANES + s]
-                sums[b, 2] += shared[2 * LANES + s]
-    if record and work.thread == 0:
-        for row in range((count + LANES - 1) // LANES):
-            add_sums(work, pairs.shared[row], SUMS)
-
-
-@jit(_nrt=False)
 def contact_forces(
     discs: Discs,
     work: Work,
@@ -516,17 +399,20 @@ def contact_forces(
     """
     c = constants
     offset = strain * c.height - work.turns[0] * c.width
-    block = work.block
-    for s in range(LANES):
-        block[CLOSEST + s] = block[LONGEST + s] = 1.0
-        block[CLOSING + s] = 0.0
+    fx, fy, torque, block = work.fx, work.fy, work.torque, work.block
+    fx[:] = 0.0
+    fy[:] = 0.0
+    torque[:] = 0.0
+    block[CLOSEST:CLOSING] = 1.0
+    block[CLOSING : CLOSING + LANES] = 0.0
+    if TANGENTIAL:
+        for a in range(fx.shape[0]):
+            work.rim[a] = discs.radius[a] * work.pspin[a]
+            work.rolled[a] = discs.radius[a] * work.turn[a]
     if record:
         places(discs, work, c, offset)
-        if work.thread == 0:
-            work.tensors[:] = 0.0
-            work.row[:] = 0.0
-    lay_out(discs, work)
-    meet(work.meeting, work.threads)
+        work.tensors[:] = 0.0
+        work.row[:] = 0.0
     if TALLY:
         work.power[1] = work.power[2] = work.stored[0] = 0.0
     free = np.inf
@@ -535,38 +421,42 @@ def contact_forces(
         c.link_etat if c.stretched_dashpot else 0.0, free, free, free,
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
-    linked, near = int(np.int32(links.i.shape[0])), int(work.near[0])
-    for pairs, springs, count in ((links, link, linked), (contacts, contact, near)):
-        block_forces(work, pairs, springs, c, count, offset, rate, h, record)
-    # Of each lane over all blocks; now of all lanes.
-    closest, longest, closing = bits(1.0), bits(1.0), bits(0.0)
+    elsewhere = 0.1 * min(c.width, c.height)
+    for pairs, springs, count in (
+        (links, link, np.int32(links.i.shape[0])),
+        (contacts, contact, work.near[0]),
+    ):
+        for first in range(0, count, LANES):
+            m = int(min(LANES, count - first))
+            row = first // LANES
+            table = pairs.table[row]
+            fetch(pairs.table, row + 1, 0)
+            gather(
+                discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
+                pairs.i, pairs.j, first, m, block,
+            )  # fmt: skip
+            fetch(pairs.table, row + 1, 1)
+            pair_forces(block, table, m, springs, c, offset, rate, h)
+            fetch(pairs.table, row + 1, 2)
+            scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
+            fetch(pairs.table, row + 1, 3)
+            if record:
+                gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
+                stress_of(block, table, m, elsewhere, work.tensors, work.row)
+            if TALLY:
+                tally_pairs(work, table, m, springs, c)
+    if TANGENTIAL:
+        for a in range(fx.shape[0]):
+            torque[a] *= discs.radius[a]
+    work.closest[0], work.closest[1], work.closest[2] = 1.0, 1.0, 0.0
     for s in range(LANES):
-        closest = min(closest, bits(block[CLOSEST + s]))
-        longest = max(longest, bits(block[LONGEST + s]))
-        closing = max(closing, bits(block[CLOSING + s]))
-    if work.threads > 1:
-        found = work.extremes[work.thread]
-        found[CLOSEST_OF], found[LONGEST_OF] = number(closest), number(longest)
-        found[CLOSING_OF] = number(closing)
-        meet(work.meeting, work.threads)
-        for thread in range(work.threads):
-            found = work.extremes[thread]
-            closest = min(closest, bits(found[CLOSEST_OF]))
-            longest = max(longest, bits(found[LONGEST_OF]))
-            closing = max(closing, bits(found[CLOSING_OF]))
-        for pairs, count in ((links, linked), (contacts, near)):
-            collect(work, pairs, count, record)
-    work.closest[0], work.closest[1] = number(closest), number(longest)
-    work.closest[2] = number(closing)
+        work.closest[0] = min(work.closest[0], block[CLOSEST + s])
+        work.closest[1] = max(work.closest[1], block[LONGEST + s])
+        work.closest[2] = max(work.closest[2], block[CLOSING + s])
     work.closest[3] = min(work.closest[3], work.closest[0])
-    fx, fy, torque, radius = work.fx, work.fy, work.torque, discs.radius
-    begin, end = mine(work)
-    for a in range(begin, end):
-        fx[a], fy[a] = work.sums[a, 0], work.sums[a, 1]
-        torque[a] = work.sums[a, 2] * radius[a]
 
 
-@jit(nogil=True)
+@jit
 def relax(
     discs: Discs,
     work: Work,
@@ -598,7 +488,6 @@ def relax(
         The list of contacts, the steps made so far and the largest net force reached [N/m].
     """
     n = discs.x.shape[0]
-    begin, end = mine(work)
     if first == 0:
         discs.cx[:] = 0.0
         discs.cy[:] = 0.0
@@ -616,7 +505,6 @@ def relax(
         if not moved(discs, work, constants, 0.0) <= constants.skin:
             contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
         contact_forces(discs, work, links, contacts, constants, 0.0, 0.0, 0.0, False)
-        meet(work.meeting, work.threads)  # each thread adds up all, in the order of the discs
         largest2 = 0.0
         power = 0.0
         force2 = 0.0
@@ -643,8 +531,7 @@ def relax(
             mixing = 0.25
             # Half a step back, as the climb began somewhere inside the last one.
             h = 0.5 * scale * substep(constants, work, size, 0.0)
-            meet(work.meeting, work.threads)
-            for a in range(begin, end):
+            for a in range(n):
                 discs.x[a] -= h * discs.cx[a]
                 discs.y[a] -= h * discs.cy[a]
                 discs.cx[a] = 0.0
@@ -652,8 +539,7 @@ def relax(
             speed2 = 0.0
         h = scale * substep(constants, work, size, 0.0)
         along = mixing * np.sqrt(speed2 / force2)
-        meet(work.meeting, work.threads)
-        for a in range(begin, end):
+        for a in range(n):
             cx = discs.cx[a] + h * work.fx[a] / discs.mass[a]
             cy = discs.cy[a] + h * work.fy[a] / discs.mass[a]
             if power > 0.0:
@@ -668,7 +554,6 @@ def relax(
             discs.cy[a] = cy
             discs.x[a] += h * cx
             discs.y[a] += h * cy
-    meet(work.meeting, work.threads)
     fire[0], fire[1], fire[2] = mixing, downhill, scale
     return contacts, steps, largest
 
@@ -734,16 +619,14 @@ def approach_time(constants: Constants, discs: Discs, work: Work, smallest_radiu
     a fifth: also on its way out, or the force of the clamp would act for a whole step.
     """
     largest = np.uint64(0)
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(discs.cx.shape[0]):
         cx, cy = discs.cx[a], discs.cy[a]
         largest = max(largest, bits(cx * cx + cy * cy))
-    largest = largest_of(largest, FASTEST, work)
     fastest = max(0.8 * np.sqrt(number(largest)) / smallest_radius, work.closest[2], 1e-150)
     return float(constants.step_approach / fastest)
 
 
-@jit(nogil=True)
+@jit
 def run(
     discs: Discs,
     work: Work,
@@ -783,12 +666,12 @@ def run(
             # The rate jumps: forces anew, with the rate on this side of the jump.
             before = 0.0 if start else strain_at(clock, segment(clock, k - 1), k - 1, 1.0)[1]
             if not constants.affine:
-                edge_kick(discs, work, constants, rate - before)
+                edge_kick(discs, constants, rate - before)
             if start:
                 contacts = renew_contacts(discs, work, links, contacts, constants, strain)
-            kick(discs.cx, work.px, work.ax, 0.0, 0.0, work)
-            kick(discs.cy, work.py, work.ay, 0.0, 0.0, work)
-            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0, work)
+            kick(discs.cx, work.px, work.ax, 0.0, 0.0)
+            kick(discs.cy, work.py, work.ay, 0.0, 0.0)
+            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0)
             carry_plates(discs, work, constants, rate)
             contact_forces(
                 discs, work, links, contacts, constants, strain, rate, 0.0, start or TALLY,
@@ -821,12 +704,12 @@ def run(
             strain1, rate1 = strain_at(clock, now, k, at / MOST_PIECES)
             kick_rate = 0.5 * (rate1 - rate)
             if not constants.affine:
-                edge_kick(discs, work, constants, kick_rate)
+                edge_kick(discs, constants, kick_rate)
             # Half of the kick and a prediction, or all of it at once.
             now_h, lead = (h, 0.0) if euler else (0.5 * h, 0.5 * h)
-            kick(discs.cx, work.px, work.ax, now_h, lead, work)
-            kick(discs.cy, work.py, work.ay, now_h, lead, work)
-            kick(discs.spin, work.pspin, work.aspin, now_h, lead, work)
+            kick(discs.cx, work.px, work.ax, now_h, lead)
+            kick(discs.cy, work.py, work.ay, now_h, lead)
+            kick(discs.spin, work.pspin, work.aspin, now_h, lead)
             drift(discs, work, constants, h, strain1 - strain, rate1)
             strain, rate = strain1, rate1
             way = moved(discs, work, constants, strain)
@@ -842,11 +725,11 @@ def run(
             accelerate(discs, work, constants, rate)
             if not euler:
                 # Glued discs, whose velocity is their plate's, have no acceleration.
-                add_scaled(discs.cx, 0.5 * h, work.ax, work)
-                add_scaled(discs.cy, 0.5 * h, work.ay, work)
-                add_scaled(discs.spin, 0.5 * h, work.aspin, work)
+                add_scaled(discs.cx, 0.5 * h, work.ax)
+                add_scaled(discs.cy, 0.5 * h, work.ay)
+                add_scaled(discs.spin, 0.5 * h, work.aspin)
             if not constants.affine:
-                edge_kick(discs, work, constants, kick_rate)
+                edge_kick(discs, constants, kick_rate)
             if TALLY:
                 tally(discs, work, constants, rate, h)
             substeps += 1

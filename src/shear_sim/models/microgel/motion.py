@@ -4,7 +4,6 @@ Nothing here knows the contact law; :mod:`kernels` does. Equation numbers are th
 """
 
 import numpy as np
-from numba.np.numpy_support import carray
 
 from shear_sim.cell import Floats, Ints, turns_of, wrap_count
 from shear_sim.compiled import jit
@@ -17,10 +16,8 @@ from shear_sim.models.microgel.state import (
     OPEN,
     OSCILLATION,
     PAIR_ROWS,
-    PART,
     PER_SUM,
     REST,
-    SHARED,
     STATE,
     STEADY,
     SUM,
@@ -31,10 +28,6 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.neighbours import find_pairs
-from shear_sim.threads import address, meet, part
-
-# Columns of Work.extremes
-FARTHEST, FASTEST, CLOSEST_OF, LONGEST_OF, CLOSING_OF = range(5)
 
 
 @jit(_nrt=False)
@@ -84,31 +77,21 @@ def empty_pairs(n: int) -> Pairs:
     blocks = (n + LANES - 1) // LANES
     return Pairs(
         i=np.zeros(n, np.uint32), j=np.zeros(n, np.uint32),
-        table=np.zeros((blocks, PAIR_ROWS * LANES)), shared=np.zeros((0, SHARED)),
+        table=np.zeros((blocks, PAIR_ROWS * LANES)),
     )  # fmt: skip
 
 
 @jit(_nrt=False)
-def mine(work: Work) -> tuple[np.uint64, np.uint64]:
-    """Return the discs that are this thread's: the first, and one past the last."""
-    return part(work.px.shape[0], work.thread, work.threads)
-
-
-@jit(_nrt=False)
-def add_scaled(to: Floats, factor: float, values: Floats, work: Work) -> None:
+def add_scaled(to: Floats, factor: float, values: Floats) -> None:
     """Add ``factor`` × ``values`` to ``to``; arrays (N,)."""
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(to.shape[0]):
         to[a] += factor * values[a]
 
 
 @jit(_nrt=False)
-def kick(
-    velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float, work: Work
-) -> None:
+def kick(velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float) -> None:
     """Kick velocities for ``h`` seconds and predict them ``lead`` seconds later; arrays (N,)."""
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(velocity.shape[0]):
         velocity[a] += h * acceleration[a]
         predicted[a] = velocity[a] + lead * acceleration[a]
 
@@ -123,15 +106,14 @@ def drift(
     """
     x, y, cx, cy, turn, spin = discs.x, discs.y, discs.cx, discs.cy, work.turn, discs.spin
     height = constants.height
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(x.shape[0]):
         x[a] += h * cx[a] + change * (y[a] + 0.5 * h * cy[a] - 0.5 * height)
     if constants.plates:
-        for a in range(first, last):
+        for a in range(x.shape[0]):
             if discs.plate[a] != 0.0:  # goes with its plate instead
                 x[a] += change * (discs.plate[a] * 0.5 * height - (y[a] - 0.5 * height))
                 x[a] -= h * cx[a]
-    for a in range(first, last):
+    for a in range(x.shape[0]):
         y[a] += h * cy[a]
         turn[a] = h * spin[a] - 0.5 * change
     carry_plates(discs, work, constants, rate)
@@ -151,8 +133,7 @@ def find_in(start: Ints, j: Ints, nx: Ints, ny: Ints, pairs: Pairs, q: int) -> i
 @jit(_nrt=False)
 def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
     """Rename the images of pairs after a re-gridding by ``turns`` and the return of discs."""
-    first, last = part(pairs.i.shape[0], work.thread, work.threads)
-    for q in range(np.int64(first), np.int64(last)):
+    for q in range(pairs.i.shape[0]):
         table, lane = pairs.table[q // LANES], q % LANES
         i, j = pairs.i[q], pairs.j[q]
         ny = table[NY + lane]
@@ -161,69 +142,44 @@ def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
 
 
 @jit
-def bring_back(discs: Discs, work: Work, constants: Constants, strain: float) -> None:
-    """Bring all discs back into the cell and remember where they are; in one thread."""
-    x, y, width, height = discs.x, discs.y, constants.width, constants.height
-    if constants.periodic:
-        turns = turns_of(strain, width, height)
-        offset = strain * height - turns * width
-        wrap_count(x, y, width, height, offset, work.wx, work.wy)
-        for a in range(x.shape[0]):
-            x[a] -= work.wx[a] * width + work.wy[a] * offset
-            y[a] -= work.wy[a] * height
-        work.turns[1] = turns - work.turns[0]
-        work.turns[0] = turns
-    work.x0[:] = x
-    work.y0[:] = y
-    work.strain0[0] = strain
-    work.largest[0] = discs.radius.max()
-
-
-@jit
-def find_all(
-    discs: Discs, constants: Constants, offset: float
-) -> tuple[Ints, Ints, Ints, Ints, Ints]:
-    """Return what `find_pairs` finds in the cell, or in one so large that no image is near."""
-    x, y, radius, skin = discs.x, discs.y, discs.radius, constants.skin
-    if constants.periodic:
-        return find_pairs(x, y, radius, skin, constants.width, constants.height, offset)
-    left, low = x.min(), y.min()
-    reach = 2.0 * (2.0 * radius.max() + skin)
-    return find_pairs(
-        x - left, y - low, radius, skin, x.max() - left + reach, y.max() - low + reach, 0.0,
-    )  # fmt: skip
-
-
-@jit
 def renew_contacts(
     discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
 ) -> Pairs:
-    """Bring discs back into the cell and return a new list of contacts that keeps their springs.
-
-    It is ordered by how far discs must move to touch, ``work.near`` of them for each distance, and
-    by discs. Threads find all pairs each for itself, and do the rest for the pairs of their discs.
-    """
-    meet(work.meeting, work.threads)  # nobody needs the discs where they are any more
-    if work.thread == 0:
-        bring_back(discs, work, constants, strain)
-    meet(work.meeting, work.threads)
+    """Bring discs back into the cell and return a new list of contacts that keeps their springs."""
+    n = discs.x.shape[0]
     x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
     width, height, skin = constants.width, constants.height, constants.skin
     offset = 0.0
     if constants.periodic:
-        offset = strain * height - work.turns[0] * width
-        shift_images(links, work, work.turns[1])
-        shift_images(contacts, work, work.turns[1])
-    start, i, j, nx, ny = find_all(discs, constants, offset)
-    meet(work.meeting, work.threads)
-    first, last = mine(work)
-    begin, end = start[first], start[last]
+        turns = turns_of(strain, width, height)
+        offset = strain * height - turns * width
+        wrap_count(x, y, width, height, offset, work.wx, work.wy)
+        for a in range(n):
+            x[a] -= work.wx[a] * width + work.wy[a] * offset
+            y[a] -= work.wy[a] * height
+        change = turns - work.turns[0]
+        work.turns[0] = turns
+        shift_images(links, work, change)
+        shift_images(contacts, work, change)
+        start, i, j, nx, ny = find_pairs(x, y, radius, skin, width, height, offset)
+    else:
+        # A cell so large that no image is near anybody.
+        left, low = x.min(), y.min()
+        reach = 2.0 * (2.0 * radius.max() + skin)
+        start, i, j, nx, ny = find_pairs(
+            x - left, y - low, radius, skin, x.max() - left + reach, y.max() - low + reach, 0.0,
+        )  # fmt: skip
+    work.x0[:] = x
+    work.y0[:] = y
+    work.strain0[0] = strain
+    work.largest[0] = radius.max()
 
     # Linked pairs are not contacts too (through another image they may be), nor are glued discs.
-    # The rest keep their history; ``source`` is the old number of each new pair, or −1.
+    # The rest keep their history; ``source`` is the old number of each new pair, or −1. They are
+    # ordered by how far the discs must move to touch, ``near`` of them for each distance.
     source = np.full(i.shape[0], -1, np.int32)
     group = np.empty(i.shape[0], np.int32)
-    for c in range(begin, end):
+    for c in range(i.shape[0]):
         dx = x[j[c]] - x[i[c]] + (nx[c] * width + ny[c] * offset)
         dy = y[j[c]] - y[i[c]] + ny[c] * height
         gap = np.sqrt(dx * dx + dy * dy) - (radius[i[c]] + radius[j[c]])
@@ -231,37 +187,27 @@ def renew_contacts(
         if plate[i[c]] != 0.0 and plate[j[c]] != 0.0:
             group[c] = NEAR
     for q in range(links.i.shape[0]):
-        if first <= links.i[q] < last:
-            table, lane = links.table[q // LANES], q % LANES
-            table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
-            table[PER_SUM + lane] = 1.0 / table[SUM + lane]
-            c = find_in(start, j, nx, ny, links, q)
-            if c >= 0:
-                group[c] = NEAR
+        table, lane = links.table[q // LANES], q % LANES
+        table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
+        table[PER_SUM + lane] = 1.0 / table[SUM + lane]
+        c = find_in(start, j, nx, ny, links, q)
+        if c >= 0:
+            group[c] = NEAR
     for q in range(contacts.i.shape[0]):
-        acts = contacts.table[q // LANES, STATE + q % LANES] != OPEN
-        if acts and first <= contacts.i[q] < last:
+        if contacts.table[q // LANES, STATE + q % LANES] != OPEN:
             c = find_in(start, j, nx, ny, contacts, q)
             if c >= 0:
                 source[c] = q
-    counts = work.counts
-    for g in range(NEAR):
-        counts[work.thread, g] = 0
-    for c in range(begin, end):
+    near = work.near
+    near[:] = 0
+    for c in range(i.shape[0]):
         if group[c] < NEAR:
-            counts[work.thread, group[c]] += 1
-    meet(work.meeting, work.threads)
-    fill = np.zeros(NEAR, np.int64)
-    total = 0
+            near[1 + group[c]] += 1
     for g in range(NEAR):
-        for thread in range(work.threads):
-            if thread == work.thread:
-                fill[g] = total
-            total += counts[thread, g]
-        if work.thread == 0:
-            work.near[1 + g] = total
-    new = new_list(work, total)
-    for c in range(begin, end):
+        near[g + 1] += near[g]
+    fill = near.copy()
+    new = empty_pairs(near[NEAR])
+    for c in range(i.shape[0]):
         if group[c] == NEAR:
             continue
         q = fill[group[c]]
@@ -275,43 +221,7 @@ def renew_contacts(
         table[NX + lane], table[NY + lane] = nx[c], ny[c]
         table[SUM + lane] = radius[i[c]] + radius[j[c]]
         table[PER_SUM + lane] = 1.0 / (radius[i[c]] + radius[j[c]])
-    if work.thread == 0:
-        work.near[0] = work.near[1]
-    meet(work.meeting, work.threads)
-    return new
-
-
-@jit
-def new_list(work: Work, n: int) -> Pairs:
-    """Return ``n`` pairs without discs and history, the same arrays in all threads.
-
-    They belong to the first thread; the others get to know where they lie.
-    """
-    if work.threads == 1:
-        return empty_pairs(n)
-    blocks = (n + LANES - 1) // LANES
-    lists = work.lists
-    if work.thread == 0:
-        new = Pairs(
-            np.empty(n, np.uint32), np.empty(n, np.uint32),
-            np.empty((blocks, PAIR_ROWS * LANES)), np.empty((blocks, SHARED)),
-        )  # fmt: skip
-        lists[0], lists[1] = new.i.ctypes.data, new.j.ctypes.data
-        lists[2], lists[3] = new.table.ctypes.data, new.shared.ctypes.data
-        meet(work.meeting, work.threads)
-    else:
-        meet(work.meeting, work.threads)
-        new = Pairs(
-            carray(address(lists[0]), (n,), np.uint32), carray(address(lists[1]), (n,), np.uint32),
-            carray(address(lists[2]), (blocks, PAIR_ROWS * LANES), np.float64),
-            carray(address(lists[3]), (blocks, SHARED), np.float64),
-        )  # fmt: skip
-    for row in range(
-        blocks * work.thread // work.threads, blocks * (work.thread + 1) // work.threads
-    ):
-        for c in range(PAIR_ROWS * LANES):
-            new.table[row, c] = 0.0
-    meet(work.meeting, work.threads)
+    near[0] = near[1]
     return new
 
 
@@ -330,12 +240,11 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
     middle = 0.5 * constants.height
     x, y, x0, y0 = discs.x, discs.y, work.x0, work.y0
     farthest = np.uint64(0)
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(x.shape[0]):
         dx = x[a] - x0[a] - change * (y[a] - middle)
         dy = y[a] - y0[a]
         farthest = max(farthest, bits(dx * dx + dy * dy))
-    farthest2 = number(largest_of(farthest, FARTHEST, work))
+    farthest2 = number(farthest)
     if not farthest2 < (1000.0 * constants.width) ** 2:
         return np.nan
     # Shear brings discs from D (1 + stretch) to contact at most: the larger of its singular values.
@@ -346,18 +255,6 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
         near = work.near[1 + min(int(NEAR * way / constants.skin), NEAR - 1)]
         work.near[0] = max(work.near[0], near)
     return float(way)
-
-
-@jit(_nrt=False)
-def largest_of(value: np.uint64, column: int, work: Work) -> np.uint64:
-    """Return the largest of what each thread has found, see `bits`; all wait for each other."""
-    if work.threads == 1:
-        return value
-    work.extremes[work.thread, column] = number(value)
-    meet(work.meeting, work.threads)
-    for thread in range(work.threads):
-        value = max(value, bits(work.extremes[thread, column]))
-    return value
 
 
 @jit(_nrt=False)
@@ -381,12 +278,11 @@ def places(discs: Discs, work: Work, constants: Constants, offset: float) -> Non
     x, y, plate, lx, ly = discs.x, discs.y, discs.plate, work.lx, work.ly
     width, height = constants.width, constants.height
     images = 1.0 if constants.periodic else 0.0
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(x.shape[0]):
         up = images * np.floor(y[a] / height)
         ly[a] = (1.0 - abs(plate[a])) * (y[a] - up * height - 0.5 * height)
         lx[a] = x[a] - up * offset
-    for a in range(first, last):
+    for a in range(x.shape[0]):
         right = images * np.floor(lx[a] / width)
         lx[a] = (1.0 - abs(plate[a])) * (lx[a] - right * width - 0.5 * width)
 
@@ -400,14 +296,13 @@ def accelerate(discs: Discs, work: Work, constants: Constants, rate: float) -> N
     px, py, pspin = work.px, work.py, work.pspin
     fx, fy, torque = work.fx, work.fy, work.torque
     ax, ay, aspin = work.ax, work.ay, work.aspin
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(mass.shape[0]):
         free = 1.0 - abs(plate[a])
         ax[a] = free * (fx[a] / mass[a] - damping * px[a] - rate * py[a])
-    for a in range(first, last):
+    for a in range(mass.shape[0]):
         free = 1.0 - abs(plate[a])
         ay[a] = free * (fy[a] / mass[a] - damping * py[a])
-    for a in range(first, last):
+    for a in range(mass.shape[0]):
         free = 1.0 - abs(plate[a])
         aspin[a] = free * (torque[a] / inertia[a] - spin_damping * (pspin[a] - target))
 
@@ -417,8 +312,7 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
     """Give glued discs the velocity of their plate, ±γ̇ L_y/2, and no rotation."""
     if not constants.plates:
         return
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(discs.x.shape[0]):
         if discs.plate[a] != 0.0:
             half = 0.5 * constants.height
             discs.cx[a] = rate * (discs.plate[a] * half - (discs.y[a] - half))
@@ -431,10 +325,9 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
 
 
 @jit(_nrt=False)
-def edge_kick(discs: Discs, work: Work, constants: Constants, change: float) -> None:
+def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
     """Take back the affine kick of a rate change: inertia alone, for a cell driven at its edges."""
-    first, last = mine(work)
-    for a in range(first, last):
+    for a in range(discs.x.shape[0]):
         if discs.plate[a] == 0:
             y = discs.y[a]
             if constants.periodic:
@@ -446,11 +339,11 @@ def edge_kick(discs: Discs, work: Work, constants: Constants, change: float) -> 
 # Sums in whatever order is fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def disc_sums(
-    discs: Discs, work: Work, rate: float, first: np.uint64, last: np.uint64
+    discs: Discs, work: Work, rate: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return sums over free discs: torque, spin energy, m c c (xx, xy, yy), F (x − L/2)."""
     torque = kinetic = xx = xy = yy = uxx = uxy = uyx = uyy = 0.0
-    for a in range(first, last):
+    for a in range(discs.x.shape[0]):
         free = 1.0 - abs(discs.plate[a])
         torque += free * work.torque[a]
         omega = discs.spin[a] - 0.5 * rate
@@ -468,38 +361,14 @@ def disc_sums(
 
 
 @jit(_nrt=False)
-def sum_parts(discs: Discs, work: Work, rate: float) -> None:
-    """Leave `disc_sums` of parts of the discs in ``work.parts``, each made by one thread."""
-    meet(work.meeting, work.threads)
-    n = discs.x.shape[0]
-    for p in range(work.thread, work.parts.shape[0], work.threads):
-        sums = disc_sums(discs, work, rate, np.uint64(p * PART), np.uint64(min(n, (p + 1) * PART)))
-        for c in range(9):
-            work.parts[p, c] = sums[c]
-    meet(work.meeting, work.threads)
-
-
-@jit(_nrt=False)
 def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row: Floats) -> None:
-    """Fill a record from the sums of ``contact_forces`` and the velocities of this instant.
-
-    The first thread does it, when all have made their sums; the others wait.
-    """
-    sum_parts(discs, work, rate)
-    if work.thread != 0:
-        meet(work.meeting, work.threads)
-        return
+    """Fill a record from the sums of ``contact_forces`` and the velocities of this instant."""
     volume = constants.width * constants.height
     tensors = work.tensors
     for c in range(14):
         row[3 + c] = tensors[c] / volume
     # Σ F (x − L/2) over free discs: with the external tensor it makes up Love and Weber's (S1-19).
-    parts = work.parts
-    for p in range(1, parts.shape[0]):
-        for c in range(9):
-            parts[0, c] += parts[p, c]
-    torque, kinetic, xx, xy, yy = parts[0, 0], parts[0, 1], parts[0, 2], parts[0, 3], parts[0, 4]
-    uxx, uxy, uyx, uyy = parts[0, 5], parts[0, 6], parts[0, 7], parts[0, 8]
+    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = disc_sums(discs, work, rate)
     error = max(
         abs(tensors[5] - tensors[10] - uxx), abs(tensors[6] - tensors[11] - uxy),
         abs(tensors[7] - tensors[12] - uyx), abs(tensors[8] - tensors[13] - uyy),
@@ -514,7 +383,6 @@ def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row:
     row[21] = yy / volume
     row[22] = 2.0 * work.row[0] / discs.x.shape[0]
     row[23] = work.row[1] / max(work.row[0], 1.0)
-    meet(work.meeting, work.threads)
 
 
 @jit(_nrt=False)

@@ -16,7 +16,6 @@ from shear_sim.models.microgel.simulation import (
     FloatArray,
     MicrogelSimulation,
     contact_law,
-    in_threads,
     kernels_for,
     kernels_of,
     last_step,
@@ -80,7 +79,6 @@ class MicrogelRun:
     """
 
     simulation: MicrogelSimulation  # once it is prepared
-    threads = 1
 
     def __init__(self, point: MicrogelPoint, streams: Streams) -> None:
         self.point = point
@@ -102,9 +100,8 @@ class MicrogelRun:
     def advance(self, rows: int) -> None:
         """Make the next records, or as many steps of the preparation as they take."""
         if self.preparation is None:
-            self.simulation.threads = self.threads
             self.simulation.advance(rows)
-        elif start := self.preparation.advance(rows * self.point.record.every, self.threads):
+        elif start := self.preparation.advance(rows * self.point.record.every):
             self.simulation = _prepared(self.point, start)
             self.preparation = None
 
@@ -137,7 +134,7 @@ class Preparation:
         self.report: dict[str, Any] = {}
         self.stage: Relaxation | Settling = Relaxation(point, self.discs, self.constants)
 
-    def advance(self, steps: int, threads: int = 1) -> Start | None:
+    def advance(self, steps: int) -> Start | None:
         """Make about so many steps; return the start when it is there.
 
         Raises
@@ -145,7 +142,7 @@ class Preparation:
         SimulationError
             If the packing explodes, or the user's contact law does not work.
         """
-        report = self.stage.advance(steps, threads)
+        report = self.stage.advance(steps)
         if report is None:
             return None
         self.report |= report
@@ -228,7 +225,7 @@ class Relaxation:
         self.fire = np.zeros(3)
         self.steps = self.steps_before = 0
 
-    def advance(self, steps: int, threads: int) -> dict[str, Any] | None:
+    def advance(self, steps: int) -> dict[str, Any] | None:
         """Make at most so many steps; return the report when the packing is at rest."""
         rest, constants = self.point.packing.equilibration, self.constants
         if rest.max_steps == 0:
@@ -239,14 +236,9 @@ class Relaxation:
             law, tolerance = laws.divergent, 1e-3
             constants = constants._replace(law=(0.0, *constants.law[1:]))
         tolerance *= self.unit
-        relax = kernels_for(law, tangential=False).relax
-        last = min(self.steps + steps, rest.max_steps)
-        self.contacts, self.steps, force = in_threads(
-            threads, self.work, make_pairs(), self.contacts,
-            lambda work, links, contacts: relax(
-                self.discs, work, links, contacts, constants, tolerance, self.steps, last,
-                self.fire,
-            ),
+        self.contacts, self.steps, force = kernels_for(law, tangential=False).relax(
+            self.discs, self.work, make_pairs(), self.contacts, constants, tolerance,
+            self.steps, min(self.steps + steps, rest.max_steps), self.fire,
         )  # fmt: skip
         if not math.isfinite(force):
             msg = "the contact law gave a force that is not a number while the packing was made"
@@ -312,14 +304,14 @@ class Settling:
         self.clock = Clock(0.2 * tau, 0, 0, OSCILLATION, 100, 0.0, SETTLING_BLOCK)
         self.steps = 0
 
-    def advance(self, steps: int, threads: int) -> dict[str, Any] | None:
+    def advance(self, steps: int) -> dict[str, Any] | None:
         """Make about so many steps; return the report when the packing is at rest."""
         rest, discs, work = self.point.packing.equilibration, self.discs, self.work
         unit = force_unit(self.constants, discs)
         energy_unit = unit * 2 * float(discs.radius.mean())
         until = self.steps + steps
         while True:
-            self._run(0, threads)
+            self._run(0)
             force = float(np.hypot(work.fx, work.fy).max()) / unit
             turning = float((np.abs(work.torque) / discs.radius).max()) / unit
             speed2 = discs.cx**2 + discs.cy**2
@@ -329,7 +321,7 @@ class Settling:
             at_rest = at_rest and energy <= rest.energy_tolerance
             if at_rest or self.steps >= rest.max_steps:
                 break
-            substeps, status = self._run(SETTLING_BLOCK, threads)
+            substeps, status = self._run(SETTLING_BLOCK)
             if status != RUNNING:
                 msg = "the packing exploded while it came to rest"
                 raise SimulationError(msg)
@@ -346,16 +338,12 @@ class Settling:
             "at_rest": bool(at_rest),
         }
 
-    def _run(self, last: int, threads: int) -> tuple[int, int]:
+    def _run(self, last: int) -> tuple[int, int]:
         """Run to step ``last``, from rest forces on; return substeps and status."""
         rows = np.empty((2, len(ROW + ENERGIES)))
-        point = self.point
-        self.contacts, _, substeps, status = in_threads(
-            1 if point.record.energy else threads, self.work, self.links, self.contacts,
-            lambda work, links, contacts: kernels_of(point).run(
-                self.discs, work, links, contacts, self.constants, self.clock, -1, last, False,
-                rows,
-            ),
+        self.contacts, _, substeps, status = kernels_of(self.point).run(
+            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
+            -1, last, False, rows,
         )  # fmt: skip
         return substeps, status
 

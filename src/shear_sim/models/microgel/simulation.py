@@ -1,10 +1,9 @@
 """A microgel simulation: prepared once, then asked for its records."""
 
 import math
-from collections.abc import Callable
 from functools import cache
 from types import ModuleType
-from typing import Any, TypeVarTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ from shear_sim.models.microgel.state import (
     NX,
     NY,
     OSCILLATION,
-    PART,
     ROW,
     RUNNING,
     SPRING,
@@ -43,18 +41,13 @@ from shear_sim.models.microgel.state import (
     column,
     listed,
     set_column,
-    shared_by,
-    with_room,
 )
 from shear_sim.protocol import OscillatoryShear, Shear, snapshot_rows
-from shear_sim.threads import new_meeting, together
 
 FloatArray = NDArray[np.float64]
-Rest = TypeVarTuple("Rest")
 
 SKIN = 0.6  # of the mean radius: neighbour lists reach this much beyond contact
 STEP_ENERGY = 0.5  # longest substep, of the stable one of springs alone: analysis/default_steps.py
-LEAST_DISCS = 256  # of a thread: with fewer, waiting for each other takes longer than the work
 CORE = 0.1  # distance over contact distance: who comes closer may pass through
 
 
@@ -136,14 +129,6 @@ def make_discs(
     return Discs(x, y, cx, cy, s, r, m, i, np.zeros(n))
 
 
-def aligned(n: int, width: int) -> FloatArray:
-    """Return zeros (n, width) of which no row lies in more lines of the cache than it must."""
-    line = 64 // 8
-    buffer = np.zeros(n * width + line)
-    start = -(buffer.ctypes.data // 8) % line
-    return buffer[start : start + n * width].reshape(n, width)
-
-
 def make_work(n: int) -> Work:
     """Return the work arrays for N discs."""
 
@@ -151,17 +136,13 @@ def make_work(n: int) -> Work:
         return np.zeros(n)
 
     return Work(
-        thread=0, threads=1, meeting=new_meeting(), extremes=np.zeros((1, 8)),
-        parts=np.zeros((-(-n // PART), 9)), counts=np.zeros((1, NEAR), np.int64),
-        lists=np.zeros(4, np.int64),
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
         turn=per_disc(), rim=per_disc(), rolled=per_disc(),
-        rows=aligned(n, 8), sums=aligned(n, 4),
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
-        strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(2, np.int32),
+        strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
         near=np.zeros(NEAR + 1, np.int32),
         block=np.zeros(BLOCK_ROWS * LANES),
         closest=np.array([1.0, 1.0, 0.0, 1.0]), stopped=np.zeros(2),
@@ -290,27 +271,8 @@ def last_step(clock: Clock, shear: Shear) -> int:
     return -(-steps // clock.every) * clock.every
 
 
-def in_threads(
-    threads: int,
-    work: Work,
-    links: Pairs,
-    contacts: Pairs,
-    kernel: Callable[[Work, Pairs, Pairs], tuple[Pairs, *Rest]],
-) -> tuple[Pairs, *Rest]:
-    """Have threads share a kernel, as many as pay; return what it returns, contacts first."""
-    threads = max(1, min(threads, len(work.px) // LEAST_DISCS))
-    if threads == 1:
-        return kernel(work, links, contacts)
-    works = shared_by(work, threads)
-    links, contacts = with_room(links, threads), with_room(contacts, threads)
-    result = together(threads, works[0].meeting, lambda t: kernel(works[t], links, contacts))
-    return with_room(result[0], 1), *result[1:]
-
-
 class MicrogelSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
-
-    threads = 1
 
     def __init__(
         self,
@@ -385,15 +347,10 @@ class MicrogelSimulation:
             return
         first = (self.done - 1) * self.clock.every  # negative: the first record comes first
         last = (until - 1) * self.clock.every
-        rows = self._table[self.done : until]
-        euler = self.point.integrator.scheme == "semi_implicit_euler"
-        self.contacts, filled, substeps, status = in_threads(
-            1 if self.point.record.energy else self.threads,  # the balance is summed pair by pair
-            self.work, self.links, self.contacts,
-            lambda work, links, contacts: self.kernels.run(
-                self.discs, work, links, contacts, self.constants, self.clock, first, last, euler,
-                rows,
-            ),
+        self.contacts, filled, substeps, status = self.kernels.run(
+            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
+            first, last, self.point.integrator.scheme == "semi_implicit_euler",
+            self._table[self.done : until],
         )  # fmt: skip
         self.done += filled
         self.substeps += substeps

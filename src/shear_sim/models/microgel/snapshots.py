@@ -49,8 +49,8 @@ def take(
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
     parts = [
-        _forces(kernels, work, links, len(links.i), link, c, offset, rate, LINK),
-        _forces(kernels, work, contacts, int(work.near[0]), contact, c, offset, rate, None),
+        _forces(kernels, discs, work, links, len(links.i), link, c, offset, rate, LINK),
+        _forces(kernels, discs, work, contacts, int(work.near[0]), contact, c, offset, rate, None),
     ]
     i, j, kind, dx, dy, fx, fy = (np.concatenate(both) for both in zip(*parts, strict=True))
     distance = np.maximum(np.hypot(dx, dy), 1e-300)
@@ -71,6 +71,7 @@ def take(
 
 def _forces(
     kernels: ModuleType,
+    discs: Discs,
     work: Work,
     pairs: Pairs,
     count: int,
@@ -87,7 +88,10 @@ def _forces(
     for first in range(0, count, LANES):
         m = min(LANES, count - first)
         table = pairs.table[first // LANES].copy()
-        kernels.gather(work.rows, pairs.i, pairs.j, first, m, block)
+        kernels.gather(
+            discs.x, discs.y, work.px, work.py, work.rim, work.rolled, pairs.i, pairs.j, first, m,
+            block,
+        )  # fmt: skip
         # A step of no length moves no spring.
         kernels.pair_forces(block, table, m, springs, constants, offset, rate, 0.0)
         for row, name in zip(found, ("DX", "DY", "FX", "FY"), strict=True):

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.models.microgel.laws import LawParameters
-from shear_sim.threads import Meeting, new_meeting
 
 Unsigned = NDArray[np.uint32]  # an index that cannot be negative costs no test of its sign
 
@@ -47,19 +46,8 @@ class Discs(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Forces and predictions of the current instant; arrays of shape (N,) unless said.
+    """Forces and predictions of the current instant; arrays of shape (N,) unless said."""
 
-    Threads that share a simulation have a Work each, see `shared_by`: the arrays are the same but
-    for ``block``.
-    """
-
-    thread: int  # number of this one
-    threads: int
-    meeting: Meeting  # where they wait for each other
-    extremes: Floats  # (threads, 8) largest and smallest numbers that each has found
-    parts: Floats  # (⌈N/PART⌉, 9) sums over parts of the discs
-    counts: NDArray[np.int64]  # (threads, NEAR) pairs of each distance that each has found
-    lists: NDArray[np.int64]  # (4,) where the list of contacts lies, for threads but the first
     px: Floats  # predicted peculiar velocity and spin: what velocity-dependent forces see
     py: Floats
     pspin: Floats
@@ -76,13 +64,11 @@ class Work(NamedTuple):
     y0: Floats
     wx: Ints  # image of the cell that a disc was in when the contact list was made
     wy: Ints
-    rows: Floats  # (N, 8) what pairs ask of a disc: x, y, px, py, rim, rolled, lx, ly
-    sums: Floats  # (N, 4) forces and torque / r, summed over pairs
     lx: Floats  # place in the cell from its centre [m], 0 for glued discs (records)
     ly: Floats
     strain0: Floats  # (1,) strain when the contact list was made
     largest: Floats  # (1,) largest radius [m]
-    turns: Ints  # (2,) whole widths by which the cell is re-gridded, and more than before
+    turns: Ints  # (1,) whole widths by which the cell is re-gridded
     near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
     block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
     closest: Floats  # (4,) smallest d/D, largest of a link, largest |d'|/d; smallest d/D so far
@@ -106,7 +92,6 @@ class Pairs(NamedTuple):
     i: Unsigned  # (P,)
     j: Unsigned
     table: Floats  # (⌈P/LANES⌉, PAIR_ROWS · LANES)
-    shared: Floats  # (⌈P/LANES⌉, SHARED) what follows from a block; no rows where one thread runs
 
 
 class PairState(NamedTuple):
@@ -131,27 +116,8 @@ LANES = 64  # pairs in a block
     NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE,
 ) = range(0, 10 * LANES, LANES)  # fmt: skip
 PAIR_ROWS = 10
-BLOCK_ROWS = 20
-SHARED = (
-    3 * LANES + 18
-)  # columns of Pairs.shared: forces, torques; sums of a record; discs from, to
-PART = 4096  # discs whose numbers are summed together: the same sums for any number of threads
+BLOCK_ROWS = 19
 NEAR = 4  # distances by which listed contacts are told apart
-
-
-def shared_by(work: Work, threads: int) -> list[Work]:
-    """Return the Work of each of the threads that are to share a simulation."""
-    every = work._replace(
-        threads=threads, meeting=new_meeting(), extremes=np.zeros((threads, 8)),
-        counts=np.zeros((threads, NEAR), np.int64), lists=np.zeros(4, np.int64),
-    )  # fmt: skip
-    return [every._replace(thread=t, block=np.zeros_like(work.block)) for t in range(threads)]
-
-
-def with_room(pairs: Pairs, threads: int) -> Pairs:
-    """Return the same pairs with the room that so many threads need, or with none for one."""
-    rows = len(pairs.table) if threads > 1 else 0
-    return pairs._replace(shared=np.empty((rows, SHARED)))
 
 
 def listed(pairs: Pairs) -> PairState:

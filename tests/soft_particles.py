@@ -2,8 +2,29 @@
 
 import numpy as np
 
+from shear_sim.models import soft_particle
 from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.system import System
+from shear_sim.streams import Streams
+
+
+def points(**usual):
+    """Return a function that makes points of a study: the ``usual`` sections, with changes."""
+
+    def point(model=None, packing=None, shear=None, **sections):
+        changes = {"model": model or {}, "packing": packing or {}, "shear": shear or {}}
+        changed = {name: usual[name] | change for name, change in changes.items()}
+        return SoftParticlePoint.model_validate(usual | changed | sections)
+
+    return point
+
+
+def finished(given, seed=0):
+    """The simulation of a point, run to its end."""
+    simulation = soft_particle.start(given, Streams(seed, 0))
+    simulation.advance(10_000)
+    return simulation
 
 
 def polygon(rng, vertices=9, radius=1.0, x=0.0, y=0.0):

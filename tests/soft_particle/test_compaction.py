@@ -4,11 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
-from soft_particles import angular_momentum, momentum, ring, system
+from soft_particles import angular_momentum, finished, momentum, points, ring, system
 
 from shear_sim.models import soft_particle
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
-from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
@@ -21,23 +20,8 @@ MODEL = {
 }  # fmt: skip
 
 
-def point(model=None, packing=None, shear=None, **sections):
-    shear = {"kind": "compaction", "strain": 0.25, "relative_rate": 0.01} | (shear or {})
-    return SoftParticlePoint.model_validate(
-        {
-            "packing": PACK | (packing or {}),
-            "model": MODEL | (model or {}),
-            "shear": shear,
-            "record": {"rows": 40},
-            **sections,
-        }
-    )
-
-
-def finished(given, seed=0):
-    simulation = soft_particle.start(given, Streams(seed, 0))
-    simulation.advance(10_000)
-    return simulation
+SHEAR = {"kind": "compaction", "strain": 0.25, "relative_rate": 0.01}
+point = points(packing=PACK, model=MODEL, shear=SHEAR, record={"rows": 40})
 
 
 @pytest.mark.parametrize("count", [9, 60])

@@ -4,10 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
+from soft_particles import finished, points
 
 from shear_sim.models import soft_particle
 from shear_sim.models.soft_particle.packs import loose_discs
-from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
@@ -20,22 +20,8 @@ MODEL = {
 }  # fmt: skip
 
 
-def point(model=None, packing=None, shear=None, **sections):
-    shear = {"kind": "oscillatory", "relative_frequency": 0.1, "periods": 2} | (shear or {})
-    return SoftParticlePoint.model_validate(
-        {
-            "packing": PACKING | (packing or {}),
-            "model": MODEL | (model or {}),
-            "shear": shear,
-            **sections,
-        }
-    )
-
-
-def finished(given, seed=0):
-    simulation = soft_particle.start(given, Streams(seed, 0))
-    simulation.advance(10_000)
-    return simulation
+SHEAR = {"kind": "oscillatory", "relative_frequency": 0.1, "periods": 2}
+point = points(packing=PACKING, model=MODEL, shear=SHEAR)
 
 
 @pytest.mark.parametrize("count", [9, 60])

@@ -4,11 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
-from soft_particles import forces
+from soft_particles import finished, forces, points
 
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import COHESIVE
-from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
 from shear_sim.snapshots import read_snapshots
@@ -22,22 +21,8 @@ MODEL = {
 }  # fmt: skip
 
 
-def point(model=None, packing=None, shear=None, **sections):
-    shear = {"kind": "tension", "strain": 0.1, "relative_rate": 0.005} | (shear or {})
-    return SoftParticlePoint.model_validate(
-        {
-            "packing": PACK | (packing or {}),
-            "model": MODEL | (model or {}),
-            "shear": shear,
-        }
-        | ({"record": {"rows": 100}} | sections)
-    )
-
-
-def finished(given, seed=0):
-    simulation = soft_particle.start(given, Streams(seed, 0))
-    simulation.advance(10_000)
-    return simulation
+SHEAR = {"kind": "tension", "strain": 0.1, "relative_rate": 0.005}
+point = points(packing=PACK, model=MODEL, shear=SHEAR, record={"rows": 100})
 
 
 @pytest.fixture(scope="module")

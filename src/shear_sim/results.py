@@ -208,9 +208,7 @@ class Results:
 
     def program(self) -> str | None:
         """Return the program whose runs were imported into this folder; None: they are ours."""
-        about = self._about()
-        program: str | None = about.get("program") or about.get("run", {}).get("program")
-        return program
+        return _program(self._about())
 
     def refuse_newer(self) -> None:
         """Refuse to touch what this version does not know.
@@ -230,13 +228,14 @@ class Results:
         ResultsError
             If the folder holds such runs, or nothing in it says whether it does.
         """
-        if program := self.program():
+        about = self._about()
+        if program := _program(about):
             msg = (
                 f"{self.folder}: holds runs imported from {program}, to which none of ours are "
                 "added: give --results another folder"
             )
             raise ResultsError(msg)
-        if not self._about() and self.finished():
+        if not about and self.finished():
             msg = (
                 f"{self.folder}: neither the plan nor any result can be read, so whose runs these "
                 f"are is not known: `shear-sim verify {self.folder} --remove` sets them aside, or "
@@ -418,6 +417,12 @@ def _refuse_newer(path: Path, summary: Mapping[str, Any]) -> None:
             f"{FORMAT}): use that version"
         )
         raise ResultsError(msg)
+
+
+def _program(about: Mapping[str, Any]) -> str | None:
+    """Return the program that a plan or a result says to be imported from."""
+    program: str | None = about.get("program") or about.get("run", {}).get("program")
+    return program
 
 
 def remove(folder: Path, names: Iterable[str], suffixes: Iterable[str]) -> None:

@@ -26,3 +26,12 @@ settings.load_profile("any machine")
 @pytest.fixture
 def environment():
     return new_environment()
+
+
+# Files of a minute and more, mostly waits; a process that began one of them last would be alone.
+LONG = ("test_cluster.py", "test_sweep.py", "test_faults.py", "test_cli.py")
+
+
+def pytest_collection_modifyitems(items):
+    """Run the longest files first."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))

@@ -164,11 +164,21 @@ class Cluster:
             _signal(pid, signal.SIGCONT)
         return None
 
-    def start_dead_nodes(self) -> None:
-        """Start the daemons of killed nodes again."""
+    def revive(self) -> None:
+        """Start the daemons of killed nodes again, and let all nodes take jobs."""
         for node in self.nodes:
             if node not in self.daemons:
                 self.start_node(node)
+        wait_until(self._in_service, 60)
+
+    def _in_service(self) -> bool:
+        states = dict(
+            line.split() for line in self.ask("sinfo", "-h", "-N", "-o", "%N %T").splitlines()
+        )
+        away = [node for node, state in states.items() if state.strip("*") in {"down", "drained"}]
+        for node in away:
+            self.ask("scontrol", "update", f"NodeName={node}", "State=RESUME", check=False)
+        return not away
 
     def start_jobs(self, partition: str, *, may: bool) -> None:
         """Let jobs of a partition start, or wait."""
@@ -176,8 +186,12 @@ class Cluster:
         self.ask("scontrol", "update", f"PartitionName={partition}", f"State={state}")
 
     def give_up(self, node: str) -> None:
-        """Declare a dead node dead, as the controller does by itself after a while."""
-        self.ask("scontrol", "update", f"NodeName={node}", "State=DOWN", "Reason=dead")
+        """Declare a dead node dead, as the controller does by itself after a while.
+
+        The answer to an old question would bring it back to service, but not if it is drained.
+        """
+        for state in ("DRAIN", "DOWN"):
+            self.ask("scontrol", "update", f"NodeName={node}", f"State={state}", "Reason=dead")
 
     def processes(self, node: str | None = None) -> list[int]:
         """Return the processes of jobs of this cluster, or of one node: all that Slurm started."""

@@ -64,7 +64,7 @@ def user(cluster, tmp_path_factory):
 def undisturbed(cluster):
     """Leave the cluster as it was, also where a test fails."""
     yield
-    cluster.start_dead_nodes()
+    cluster.revive()
     cluster.start_jobs("main", may=True)
 
 

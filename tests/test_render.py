@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from shear_sim import render
 from shear_sim.cli import app
 from shear_sim.figures.geometry import (
-    between_shells,
     displacement,
     in_rectangle,
     interfaces,
@@ -24,7 +23,6 @@ from shear_sim.models.interface import CONTACT, LINK, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
-from shear_sim.snapshots import clusters
 from shear_sim.study import load_study
 
 STUDY = """
@@ -162,14 +160,15 @@ def test_particles_lie_in_the_rectangle_and_are_images_of_themselves():
 
 
 def test_particles_that_touch_have_different_tints():
-    """Clusters of two in a row, linked 0–1, 2–3, …, each touching the next."""
+    """Bodies of two in a row, 0–1, 2–3, …, each touching the next."""
     place = np.column_stack([0.9 * np.arange(10) + 0.5, np.full(10, 5.0)])
     pairs = np.column_stack([np.arange(9), np.arange(1, 10)])
     s = snapshot(place, 0.5, pairs)
-    tints = particle_tints(s._replace(kind=np.array([LINK, CONTACT] * 4 + [LINK], np.int8)))
+    tints = particle_tints(s, np.arange(10) // 2)
     assert (tints[::2] == tints[1::2]).all()
     assert (tints[1:-1:2] != tints[2::2]).all()
-    alone = particle_tints(s._replace(radius=np.where(np.arange(10) % 2, 0.7, 0.5)))
+    mixed = s._replace(radius=np.where(np.arange(10) % 2, 0.7, 0.5))
+    alone = particle_tints(mixed, np.full(10, -1))
     assert len(set(alone)) == 2  # large and small
 
 
@@ -334,41 +333,6 @@ def test_only_soft_particles_have_energies(jobs, tmp_path):
         shown = call(jobs, jobs["kept"], "--colour", "energy", *way)
         assert isinstance(shown.exception, ResultsError)  # which `main` says, with exit code 2
         assert "no energies of its particles" in str(shown.exception)
-
-
-def test_forces_between_soft_particles_are_sums_over_their_vertices(box):
-    """Of all contacts of two particles as vectors, one by one; what a wall bears is unchanged."""
-    s = max(box.snapshots, key=lambda each: each.normal[each.kind != LINK].sum())
-    merged, body = between_shells(s), clusters(s)
-    assert len(merged.radius) == 4
-    assert len({*zip(merged.i.tolist(), merged.j.tolist(), strict=True)}) == len(merged.i)
-    sums = {}
-    for i, j, r, push, kind in zip(s.i, s.j, s.separation, s.normal, s.kind, strict=True):
-        if kind != LINK:
-            a, b = int(body[i]), int(body[j]) if j >= 0 else int(j)
-            sign = 1 if b < 0 or a < b else -1
-            pair = (a, b) if sign == 1 else (b, a)
-            sums[pair] = sums.get(pair, 0) + sign * push * r / math.hypot(*r)
-    found = dict(zip(zip(merged.i, merged.j, strict=True), merged.normal, strict=True))
-    assert found == {pair: pytest.approx(math.hypot(*f)) for pair, f in sums.items()}
-    walls = -1 - s.j[s.j < 0]
-    assert np.bincount(-1 - merged.j[merged.j < 0], merged.normal[merged.j < 0]) == pytest.approx(
-        np.bincount(walls, s.normal[s.j < 0])
-    )
-    for i, j, r in zip(merged.i, merged.j, merged.separation, strict=True):
-        if j < 0:  # the line of a force ends on its wall
-            x, y, place = s.walls[-1 - j]
-            assert (merged.position[i] + r) @ [x, y] == pytest.approx(place, abs=1e-9)
-
-
-def test_a_disc_in_place_of_a_shell_has_its_area_and_place(box):
-    s = box.snapshots[0]
-    discs, body = between_shells(s), clusters(s)
-    for number in range(4):
-        own = s.position[body == number]
-        turn = np.argsort(np.arctan2(*(own - own.mean(axis=0)).T[::-1]))
-        assert np.pi * discs.radius[number] ** 2 == pytest.approx(area(own[turn]))
-        assert discs.position[number] == pytest.approx(own.mean(axis=0))
 
 
 def test_a_picture_shows_what_is_between_the_walls(box):

@@ -166,7 +166,7 @@ class _Stage:
         self.scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
         left, wide = (room + 0.62) / across, (PANEL - 0.74) / across
         curves, label = _curves(kept)
-        foot, top, gap = 1.85 if self.scene.scaled else 1.3, 0.16, 0.16
+        foot, top, gap = 1.85 if self.scene.colours.scaled else 1.3, 0.16, 0.16
         each = (down - foot - top - gap * (len(curves) - 1)) / len(curves)
         each = min(each, 1.6)
         self.points: list[Line2D] = []
@@ -186,10 +186,10 @@ class _Stage:
         low = figure.add_axes((left, 0.12 / down, wide, 0.6 / down))
         low.set_axis_off()
         self.scene.legend(low)
-        if self.scene.scaled:
+        if self.scene.colours.scaled:
             bar = figure.add_axes((left, 1.2 / down, wide, 0.1 / down))
             bar.set_label("<colorbar>")
-            self.scene.colourbar(bar, _unit(kept, colour))
+            self.scene.colours.bar(bar, _unit(kept, colour))
 
     def show(self, number: int) -> None:
         self.scene.show(number)

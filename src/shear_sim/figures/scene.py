@@ -33,6 +33,7 @@ _KINDS = (_INTERFACE, _HOLDS, _SLIDES, _INTERFACE)  # of interfaces
 _DIMMED = 0.62  # of white in what lies outside of the cell
 _CORNERS = 36  # of a disc; half as many where it is small
 _SMALL = 7.0  # points: smaller discs have no edges, and contacts are drawn as forces
+_LARGE = 16.0  # points: lines of forces grow no wider with larger discs
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
 _MARGIN = 0.7  # around the cell, in largest diameters
@@ -192,21 +193,23 @@ class Scene:
         return np.array(found)
 
     def _seen(
-        self, s: Snapshot, place: FloatArray, moves: FloatArray, reach: float
+        self, s: Snapshot, place: FloatArray, moves: FloatArray, reach: float, across: FloatArray
     ) -> tuple[NDArray[np.int64], FloatArray, NDArray[np.bool_]]:
         """Return which images of points (N, 2) are within the picture, or ``reach`` of it.
 
         The number of the point of each, by how much it is displaced (·, 2), and whether it lies
-        outside of the cell; those in it come last, and so on top.
+        outside of the cell; those in it come last, and so on top. What goes ``across`` its point
+        (N, 2), as far to the one side as to the other, lies outside where both ends do.
         """
         there = place[:, None] + moves
         low = np.array([self._left, self._bottom])
         high = low + np.array([self.width, self.height])
         seen = ((there > low - reach) & (there < high + reach)).all(axis=2)
         who, move = np.nonzero(seen)
-        at = there[who, move]
-        inside = np.full(len(at), not s.periodic)
-        inside |= ((at >= 0) & (at < [s.width, s.height])).all(axis=1)
+        inside = np.full(len(who), not s.periodic)
+        for end in (-across, across):
+            at = there[who, move] + end[who]
+            inside |= ((at >= 0) & (at < [s.width, s.height])).all(axis=1)
         order = np.argsort(inside, kind="stable")
         return who[order], moves[move[order]], ~inside[order]
 
@@ -221,12 +224,14 @@ class Scene:
         else:
             shapes = outlines(s, _CORNERS // 2 if self._small else _CORNERS)
             reach = float(s.radius.max())
-        who, move, outside = self._seen(s, place, moves, reach)
+        # Held particles that an edge cuts are the plate on both of its sides.
+        across = np.where(s.fixed, s.radius, 0.0)[:, None] * [0.0, 1.0]
+        who, move, outside = self._seen(s, place, moves, reach, across)
         at = place[who] + move
         self._bodies.set_verts([shapes[k] + centre for k, centre in zip(who, at, strict=True)])
         faces = self.colours.faces(number)
         if self.contacts == "force" and not self.colours.scaled:
-            faces[:, :3] = 1 - 0.55 * (1 - faces[:, :3])
+            faces[:, :3] = 1 - 0.8 * (1 - faces[:, :3])
         self._bodies.set_facecolor(dimmed(faces[who], outside))  # type: ignore[arg-type]
         edges = to_rgba_array([self._edge] * len(who))
         self._bodies.set_edgecolor(dimmed(edges, outside))  # type: ignore[arg-type]
@@ -255,7 +260,7 @@ class Scene:
 
         strong = np.hypot(s.normal, s.tangential)
         mean = float(strong[strong > 0].mean()) if (strong > 0).any() else 1.0
-        thick = np.minimum(0.1 * strong / mean, 0.4) * max(self.diameter, 3.0)
+        thick = np.minimum(0.1 * strong / mean, 0.4) * min(max(self.diameter, 3.0), _LARGE)
         push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
@@ -285,7 +290,8 @@ class Scene:
         if len(segments) == 0:
             return
         reach = 2 * float(s.radius.max())
-        who, move, outside = self._seen(s, segments.mean(axis=1), moves, reach)
+        middle, across = segments.mean(axis=1), 0.5 * (segments[:, 1] - segments[:, 0])
+        who, move, outside = self._seen(s, middle, moves, reach, across)
         collection.set_segments(list(segments[who] + move[:, None]))
         collection.set_color(dimmed(colour[who], outside))  # type: ignore[arg-type]
         if thick is not None:

@@ -203,12 +203,13 @@ def test_a_shell_meets_its_own_image_and_a_wall():
     s = shells([[5.0, 5.0]], contacts=wide, scatter=False)._replace(width=2.2, offset=0.0)
     discs = Shells(s).as_discs(s)
     assert discs.separation == pytest.approx(np.array([[2.2, 0.0]]))
-    floor = [(11, -1, (0.0, -0.3), 1.0, 0.0, CONTACT), (13, -1, (0.0, -0.3), 3.0, 0.0, CONTACT)]
+    floor = [(11, -4, (0.0, -0.3), 1.0, 0.0, CONTACT), (13, -4, (0.0, -0.3), 3.0, 0.0, CONTACT)]
     s = shells([[5.0, 5.0]], contacts=floor, scatter=False)._replace(periodic=False)
     discs = Shells(s).as_discs(s)
     angle = 2 * np.pi * np.array([11, 13]) / CORNERS
     at = [0.25 * math.cos(angle[0]) + 0.75 * math.cos(angle[1]), math.sin(angle[0]) - 0.3]
     assert discs.separation == pytest.approx(np.array([at]))
+    assert discs.j.tolist() == [-4]
     force = 4.0 * np.array([0.0, -1.0])
     normal = np.array(at) / math.hypot(*at)
     assert discs.normal == pytest.approx([force @ normal])
@@ -264,3 +265,18 @@ def test_interfaces_of_shells_are_red_where_they_hold_and_green_where_they_slide
     )
     red, green, _ = shown.get_colors()[0][:3]
     assert (red > green) == holds
+
+
+def test_forces_of_walls_on_a_single_shell_reach_into_it_where_they_act():
+    """Two contacts with the floor, one three times as strong: lines up from it, as long."""
+    floor = [(11, -1, (0.0, -0.3), 1.0, 0.0, CONTACT), (13, -1, (0.0, -0.3), 3.0, 0.0, CONTACT)]
+    s = shells([[5.0, 5.0]], contacts=floor, scatter=False)
+    s = s._replace(periodic=False, walls=np.array([[0.0, 1.0, 0.0]]))
+    lines = [np.asarray(path.vertices) for path in drawn(s).artists[3].get_paths()]
+    angle = 2 * np.pi * np.array([11, 13]) / CORNERS
+    for line, a in zip(lines, angle, strict=True):
+        assert line[1] == pytest.approx([5 + math.cos(a), 4.7 + math.sin(a)])
+        assert line[0, 0] == pytest.approx(line[1, 0])
+    up = [line[0, 1] - line[1, 1] for line in lines]
+    assert up[1] == pytest.approx(3 * up[0])
+    assert up[0] > 0

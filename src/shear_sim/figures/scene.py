@@ -153,7 +153,7 @@ class Scene:
             shown += [line(_SLIDES, "contact that slides")] * (SLIDING in kinds)
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
-            way = "length: force / largest" if self._alone else "width: force / mean"
+            way = "length as force" if self._alone else "width as force"
             way = "above the mean" if self._small else way
             shown += [line(push, f"push; {way}")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self._particles)

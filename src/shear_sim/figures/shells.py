@@ -122,7 +122,8 @@ class Shells:
         area += half * girth + np.pi * half**2
         found = self._between(s, place)
         i, j, force = found.i, found.j, found.force
-        to = np.where((j >= 0)[:, None], centre[j] + found.shift, found.at)
+        wall = (j < 0)[:, None]
+        to = np.where(wall, found.at, centre[np.maximum(j, 0)] + found.shift)
         separation = to - centre[i]
         normal = separation / np.hypot(*separation.T)[:, None]
         return s._replace(
@@ -146,7 +147,7 @@ class Shells:
         image = np.zeros((len(i), 2), np.int64)
         if s.periodic:
             # A contact is with a point of a bar, which is nearer to its vertices than any image.
-            away = meets - place[s.j[use]]
+            away = meets - place[np.maximum(s.j[use], 0)]
             up = np.rint(away[:, 1] / s.height)
             across = np.rint((away[:, 0] - up * s.offset) / s.width)
             image = np.column_stack([across, up]).astype(np.int64)

@@ -260,7 +260,7 @@ class Scene:
 
         strong = np.hypot(s.normal, s.tangential)
         mean = float(strong[strong > 0].mean()) if (strong > 0).any() else 1.0
-        thick = np.minimum(0.1 * strong / mean, 0.4) * min(max(self.diameter, 3.0), _LARGE)
+        thick = np.minimum(0.08 * strong / mean, 0.3) * min(max(self.diameter, 3.0), _LARGE)
         push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]

@@ -19,7 +19,7 @@ from shear_sim.figures.geometry import (
     particle_tints,
 )
 from shear_sim.figures.scene import Scene, view
-from shear_sim.models.interface import CONTACT, LINK, Snapshot
+from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
@@ -194,7 +194,7 @@ def test_the_cell_is_drawn_with_its_images():
 def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
     """Edges and states of contacts where discs are 7 points and more across.
 
-    Else the colours of linked particles, or the forces above the mean where there are none.
+    Else the colours of linked particles, or the strongest fifth of the forces where there are none.
     """
     s = many(count)
     s = s._replace(normal=np.linspace(0, 2, len(s.i)))
@@ -211,7 +211,17 @@ def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
     if contacts == "none":
         assert lines == 0
     elif contacts == "force":
-        assert len(s.i) / 2 < lines < 0.7 * len(s.i)  # with those of images
+        assert len(s.i) / 5 < lines < 0.3 * len(s.i)  # with those of images
+
+
+@pytest.mark.parametrize(
+    ("colour", "kind", "contacts"),
+    [("particle", LINK, "state"), ("spin", LINK, "none"), ("spin", SLIDING, "state")],
+)
+def test_links_are_not_drawn_over_colours_with_a_scale(colour, kind, contacts):
+    s = many(150)
+    s = s._replace(spin=np.linspace(-1, 1, 150), kind=np.full(len(s.i), kind, np.int8))
+    assert scene([s], colour=colour).contacts == contacts
 
 
 def test_lines_are_as_wide_as_forces_are_strong():
@@ -225,6 +235,21 @@ def test_lines_are_as_wide_as_forces_are_strong():
     by_place = {round(float(x)): w for (x, _), w in zip(ends, widths, strict=True)}
     assert by_place[3] == pytest.approx(2 * by_place[2])
     assert len({tuple(c) for c in forces.get_color()}) == 2  # it pushes, or it pulls
+
+
+def test_what_is_as_good_as_unloaded_has_no_chains():
+    """Widths go by the mean of each snapshot, but for one with a millionth of the largest mean."""
+    place = [[2, 2], [3, 2], [4, 2]]
+    loaded = snapshot(place, 0.5, [(0, 1), (1, 2)])._replace(normal=np.array([1.0, 3.0]))
+    less = loaded._replace(normal=0.1 * loaded.normal)
+    drawn = scene([loaded, less, loaded._replace(normal=1e-6 * loaded.normal)], contacts="force")
+    widths, lines = [], []
+    for number in range(3):
+        drawn.show(number)
+        widths.append(np.sort(drawn.artists[3].get_linewidth()))
+        lines.append(len(drawn.artists[3].get_paths()))
+    assert widths[1] == pytest.approx(widths[0])
+    assert lines == [2, 2, 0]
 
 
 @pytest.mark.parametrize("look", [{"colour": "presure"}, {"contacts": "forces"}])
@@ -333,6 +358,57 @@ def test_only_soft_particles_have_energies(jobs, tmp_path):
         shown = call(jobs, jobs["kept"], "--colour", "energy", *way)
         assert isinstance(shown.exception, ResultsError)  # which `main` says, with exit code 2
         assert "no energies of its particles" in str(shown.exception)
+
+
+def test_what_does_not_turn_is_not_coloured_by_spin(jobs, box, tmp_path):
+    shown = call(jobs, jobs["kept"], "--colour", "spin", "--out", tmp_path / "spin.png")
+    assert isinstance(shown.exception, ResultsError)
+    assert "nothing turns its particles" in str(shown.exception)
+    # The vertices of soft particles have no spin, the particles do.
+    render.write_picture(box, tmp_path / "box.png", -1, "spin")
+    assert (tmp_path / "box.png").exists()
+
+
+def boxes(figure):
+    """What is written on a figure beside its particles, as (left, bottom, right, top) [pixels]."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure).draw()
+    writer = figure.canvas.get_renderer()
+    found = []
+    for axis in figure.axes[1:]:
+        texts = [axis.xaxis.label, axis.yaxis.label]
+        for side in (axis.xaxis, axis.yaxis):
+            low, high = sorted(side.get_view_interval())
+            texts += [tick.label1 for tick in side.majorTicks if low <= tick.get_loc() <= high]
+        legend = axis.get_legend()
+        texts += legend.get_texts() if legend else []
+        extents = [t.get_window_extent(writer) for t in texts if t.get_visible() and t.get_text()]
+        found += [(b.x0, b.y0, b.x1, b.y1) for b in extents if b.height > 0]
+    return np.array(found)
+
+
+@pytest.mark.parametrize("large", [1.0, 1e4])
+def test_no_letters_lie_on_others_or_on_the_particles(jobs, large):
+    """Of a gel with all four kinds of contacts, the title of whose scale has two lines."""
+    kept = render.read_kept(jobs["kept"])
+    kinds = np.arange(len(kept.snapshots[1].i)) % 3
+    mixed = [s._replace(kind=np.resize(kinds, len(s.i)).astype(np.int8)) for s in kept.snapshots]
+    table = kept.table
+    columns = {name: -large * values if "stress" in name else values
+               for name, values in table.columns.items()}  # fmt: skip
+    kept = kept._replace(snapshots=mixed, table=table._replace(columns=columns))
+    with render._stage(kept, "displacement", "state") as stage:
+        stage.show(1)
+        found = boxes(stage.figure)
+        room = stage.scene.axis.get_window_extent().x1
+        width = stage.figure.bbox.width
+    left, bottom, right, top = found.T
+    assert left.min() > room
+    assert right.max() < width
+    apart = (right[:, None] <= left) | (left[:, None] >= right)
+    apart |= (top[:, None] <= bottom) | (bottom[:, None] >= top)
+    assert apart[~np.eye(len(found), dtype=bool)].all()
 
 
 def test_a_picture_shows_what_is_between_the_walls(box):

@@ -272,6 +272,8 @@ def test_forces_of_walls_on_a_single_shell_reach_into_it_where_they_act():
     floor = [(11, -1, (0.0, -0.3), 1.0, 0.0, CONTACT), (13, -1, (0.0, -0.3), 3.0, 0.0, CONTACT)]
     s = shells([[5.0, 5.0]], contacts=floor, scatter=False)
     s = s._replace(periodic=False, walls=np.array([[0.0, 1.0, 0.0]]))
+    left, _, width, _ = view([s])
+    assert left < 0 < SIDE < left + width  # no shell is cut by the edge of the picture
     lines = [np.asarray(path.vertices) for path in drawn(s).artists[3].get_paths()]
     angle = 2 * np.pi * np.array([11, 13]) / CORNERS
     for line, a in zip(lines, angle, strict=True):
@@ -280,3 +282,10 @@ def test_forces_of_walls_on_a_single_shell_reach_into_it_where_they_act():
     up = [line[0, 1] - line[1, 1] for line in lines]
     assert up[1] == pytest.approx(3 * up[0])
     assert up[0] > 0
+    # A third of the force in another snapshot is a third of the length.
+    scene = Scene(
+        Figure().add_axes((0, 0, 1, 1)), [s, s._replace(normal=s.normal / 3)], np.zeros(2)
+    )
+    scene.show(1)
+    later = [np.asarray(path.vertices)[:, 1] for path in scene.artists[3].get_paths()]
+    assert [line[0] - line[1] for line in later] == pytest.approx(np.array(up) / 3)

@@ -88,9 +88,10 @@ class Colouring:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colorbar import Colorbar
         from matplotlib.colors import Normalize
+        from matplotlib.ticker import MaxNLocator
 
         mappable = ScalarMappable(Normalize(*self._scale), self._map)
-        bar = Colorbar(axis, mappable, orientation="horizontal")
+        bar = Colorbar(axis, mappable, orientation="horizontal", ticks=MaxNLocator(4))
         text = _TITLES[self.colour]
         # To the left: a power of ten may stand at the right.
         bar.set_label(text if "[" in text or not unit else f"{text} [{unit}]", loc="left")

@@ -36,6 +36,9 @@ _SMALL = 7.0  # points: smaller discs have no edges, and contacts are drawn as f
 _LARGE = 16.0  # points: lines of forces grow no wider with larger discs
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
+_LEAST = 0.02  # of the largest mean: widths are beside this where the mean force is less
+_CHAINS = 0.2  # of the forces, the strongest: what is drawn between small discs
+_OVER_COLOURS = 0.7  # width of forces where they lie on colours that are to be read
 _MARGIN = 0.7  # around the cell, in largest diameters
 
 
@@ -97,6 +100,7 @@ class Scene:
         tints = particle_tints(first, body)
         self.colours = Colouring(self._particles, strain, Colour(colour), tints)
         self.contacts = Contacts(contacts or self._readable())
+        self._least, self._largest = self._forces_of_all()
         if self._shells:
             edge, self._edge = 2 * self.point * float(snapshots[0].radius.mean()), _LINK
         elif self._small:
@@ -132,10 +136,18 @@ class Scene:
             return "none"  # a crack is seen by its gap
         if self._shells or not first.periodic:
             return "force"
-        if self._small and (self.colours.scaled or LINK in first.kind):
+        if sum([self._small, self.colours.scaled, LINK in first.kind]) > 1:
             return "none"  # particles are seen by their colours
         held = any((s.kind != CONTACT).any() for s in self.snapshots)
         return "state" if held and not self._small else "force"
+
+    def _forces_of_all(self) -> tuple[float, float]:
+        """Return the least mean force that widths are drawn for, and the largest of all forces."""
+        if self._alone:
+            forces = [s.normal[s.j < 0] for s in self.snapshots]
+        else:
+            forces = [_strength(s) for s in self._particles]
+        return _LEAST * max(map(_mean, forces)), max(f.max(initial=0.0) for f in forces)
 
     def legend(self, axis: "Axes") -> "Legend | None":
         """Say in ``axis`` what the lines are."""
@@ -154,7 +166,7 @@ class Scene:
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
             way = "length as force" if self._alone else "width as force"
-            way = "above the mean" if self._small else way
+            way = "strongest fifth" if self._small else way
             shown += [line(push, f"push; {way}")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self._particles)
         if not shown:
@@ -258,15 +270,19 @@ class Scene:
         """Draw lines from centre to centre, as wide as forces are strong."""
         from matplotlib.colors import to_rgba_array
 
-        strong = np.hypot(s.normal, s.tangential)
-        mean = float(strong[strong > 0].mean()) if (strong > 0).any() else 1.0
-        thick = np.minimum(0.08 * strong / mean, 0.3) * min(max(self.diameter, 3.0), _LARGE)
-        push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
+        strong = _strength(s)
+        mean = max(_mean(strong), self._least)
+        share = strong / mean if mean > 0 else strong
+        thick = np.minimum(0.08 * share, 0.3) * min(max(self.diameter, 3.0), _LARGE)
+        push = _PUSH
+        if self.colours.scaled:
+            push, thick = _PUSH_ON_SCALE, _OVER_COLOURS * thick
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
         segments = np.stack([from_i, from_i + s.separation], axis=1)
-        # Where all would be too many, those above the mean are the chains.
-        use = strong > mean if self._small else thick > 0.04
+        use = thick > 0.04
+        if self._small and use.any():  # all would be too many
+            use &= strong > np.quantile(strong, 1 - _CHAINS)
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 
     def _draw_pushes(self, number: int, place: FloatArray) -> None:
@@ -277,7 +293,7 @@ class Scene:
         touches = self._shells.touches(self.snapshots[number])
         to = place[touches.shell] + touches.at + touches.separation
         away = touches.separation / np.hypot(*touches.separation.T)[:, None]
-        length = _INTO_SHELL * self.width * touches.normal / touches.normal.max(initial=1e-300)
+        length = _INTO_SHELL * self.width * touches.normal / max(self._largest, 1e-300)
         push = to_rgba_array(_PUSH_ON_SCALE if self.colours.scaled else _PUSH)
         self._forces.set_segments(list(np.stack([to - length[:, None] * away, to], axis=1)))
         self._forces.set(colors=push, linewidths=_ON_SHELL)
@@ -311,6 +327,17 @@ class Scene:
         self._cell.set_segments([*across, *down])
 
 
+def _strength(s: Snapshot) -> FloatArray:
+    """Return how strong the forces (C,) are."""
+    strong: FloatArray = np.hypot(s.normal, s.tangential)
+    return strong
+
+
+def _mean(strong: FloatArray) -> float:
+    """Return the mean of those that are not zero."""
+    return float(strong[strong > 0].mean()) if (strong > 0).any() else 0.0
+
+
 def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     """Return left, bottom, width and height of what a picture of these snapshots shows.
 
@@ -326,8 +353,7 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    aside = rim if any(abs(wall[0]) > 0.5 for wall in first.walls) else 0.0
-    return -aside, bottom, wide + 2 * aside, top - bottom
+    return -rim, bottom, wide + 2 * rim, top - bottom
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:

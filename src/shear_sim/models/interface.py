@@ -51,7 +51,7 @@ class Snapshot(NamedTuple):
     separation: NDArray[np.float64]  # (C, 2) from i to the image of j that it meets
     normal: NDArray[np.float64]
     tangential: NDArray[np.float64]
-    kind: NDArray[np.int8]  # of CONTACT_KINDS; only links, cohesive ones and bars may pull
+    kind: NDArray[np.int8]  # of CONTACT_KINDS; a contact pulls by its dashpot only
     walls: NDArray[np.float64]  # (W, 3) n_x, n_y, position: the half-plane n·x < position
     energy: NDArray[np.float64] | None = None  # (N,) stored in the particle that it is a vertex of
 

@@ -37,7 +37,8 @@ _LARGE = 16.0  # points: lines of forces grow no wider with larger discs
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
 _LEAST = 0.02  # of the largest mean: widths are beside this where the mean force is less
-_CHAINS = 0.2  # of the forces, the strongest: what is drawn between small discs
+_TINY = 4.5  # points: between smaller discs all forces would be too many
+_CHAINS = 0.2  # of the forces, the strongest: what is drawn there
 _OVER_COLOURS = 0.7  # width of forces where they lie on colours that are to be read
 _MARGIN = 0.7  # around the cell, in largest diameters
 
@@ -166,7 +167,7 @@ class Scene:
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
             way = "length as force" if self._alone else "width as force"
-            way = "strongest fifth" if self._small else way
+            way = "strongest fifth" if self.diameter < _TINY else way
             shown += [line(push, f"push; {way}")]
             shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self._particles)
         if not shown:
@@ -281,7 +282,7 @@ class Scene:
         from_i = place[s.i]
         segments = np.stack([from_i, from_i + s.separation], axis=1)
         use = thick > 0.04
-        if self._small and use.any():  # all would be too many
+        if self.diameter < _TINY and use.any():
             use &= strong > np.quantile(strong, 1 - _CHAINS)
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 

@@ -267,6 +267,15 @@ def test_interfaces_of_shells_are_red_where_they_hold_and_green_where_they_slide
     assert (red > green) == holds
 
 
+def test_a_picture_without_side_walls_shows_what_leaves_the_cell():
+    first = shells([[5.0, 5.0]], scatter=False)._replace(periodic=False)
+    later = shells([[10.5, 5.0]], scatter=False)._replace(periodic=False)
+    for snapshots in ([first, later], [later, first]):
+        left, _, width, _ = view(snapshots)
+        assert left < 0
+        assert 11.5 + HALF < left + width < 12
+
+
 def test_forces_of_walls_on_a_single_shell_reach_into_it_where_they_act():
     """Two contacts with the floor, one three times as strong: lines up from it, as long."""
     floor = [(11, -1, (0.0, -0.3), 1.0, 0.0, CONTACT), (13, -1, (0.0, -0.3), 3.0, 0.0, CONTACT)]

@@ -342,7 +342,7 @@ def _mean(strong: FloatArray) -> float:
 def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     """Return left, bottom, width and height of what a picture of these snapshots shows.
 
-    The cell with a rim of its images; without images what is between the walls.
+    The cell with a rim of its images; without images all particles, and what is between walls.
     """
     first = snapshots[0]
     wide, high = max(s.width for s in snapshots), max(s.height for s in snapshots)
@@ -354,7 +354,10 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    return -rim, bottom, wide + 2 * rim, top - bottom
+    # Without walls at its sides a tissue goes beyond them.
+    left = min(0.0, *(float((s.position[:, 0] - s.radius).min()) for s in snapshots))
+    right = max(wide, *(float((s.position[:, 0] + s.radius).max()) for s in snapshots))
+    return left - rim, bottom, right - left + 2 * rim, top - bottom
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:

@@ -472,6 +472,7 @@ def test_the_snapshot_nearest_to_a_time(jobs):
         ("kept", ["--snapshot", 1, "--film"], "give one of them"),
         ("kept", ["--out", "x.gif"], "must end with .png or .pdf"),
         ("kept", ["--film", "--out", "x.png"], "must end with .gif"),
+        ("kept", ["--film", "--out", "none/x.gif"], "there is no folder none: make it first"),
     ],
 )
 def test_what_cannot_be_drawn_is_said(jobs, scene, options, message):

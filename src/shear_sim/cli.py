@@ -381,6 +381,9 @@ def render(
     if out is not None and out.suffix not in suffixes:
         msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
         raise typer.BadParameter(msg)
+    if out is not None and not out.parent.is_dir():
+        msg = f"--out {out}: there is no folder {out.parent}: make it first"
+        raise typer.BadParameter(msg)
     if (snapshot is not None) + (time is not None) + film > 1:
         msg = "--snapshot, --time and --film say different things: give one of them"
         raise typer.BadParameter(msg)

@@ -3,8 +3,8 @@
 .venv/bin/python analysis/gallery.py
 
 runs one job of each scene with snapshots (results/gallery) and draws it into analysis/figures.
-Boxes of soft particles are smaller than in their study, which takes minutes of each. Every job can
-be drawn larger, with its curves, or as a film, by `shear-sim render`.
+Boxes and tissues of soft particles are smaller than in their studies, which take minutes of each.
+Every job can be drawn larger, with its curves, or as a film, by `shear-sim render`.
 """
 
 import argparse
@@ -30,9 +30,11 @@ STUDIES = {
     "hard_disc/snapshots": "hard_disc",
     "soft_particle_ring": "soft_particle",
     "soft_particle_compaction": "soft_particle_box",
+    "soft_suspension": "soft_suspension",
+    "soft_tissue": "soft_tissue",
 }
 SIDE = 1.75  # inches
-BOX = 120  # soft particles, of the 500
+MOST = 120  # soft particles, of 400 or 500
 #: Snapshots in a unit of the protocol, where a study says nothing.
 OFTEN = {
     "oscillatory": 20,
@@ -41,6 +43,7 @@ OFTEN = {
     "diametral_compression": 40,
     "compaction": 100,
 }
+SHEARED = {"shear.strain_amplitude": 0.2, "model.core_ratio": 1.0}  # suspensions
 #: What else is known of some scenes: colours, lines, and the point of the study that is taken.
 LOOKS: dict[str, dict[str, Any]] = {
     "microgel_crosslinked": {"point": {"shear.strain_amplitude": 0.5, "model.friction": 0.01}},
@@ -53,6 +56,16 @@ LOOKS: dict[str, dict[str, Any]] = {
     },
     "hard_disc_fixed_area": {"point": {"packing.packing_fraction": 0.8}},
     "hard_disc_fixed_pressure": {"point": {"shear.scaled_pressure": 30.0}},
+    "soft_particle_box_hollow": {"contacts": "none"},
+    "soft_particle_box_plastic": {"contacts": "none"},
+    "soft_particle_box_soft_core": {"colour": "pressure"},
+    "soft_particle_box_hard_core": {"colour": "pressure"},
+    "soft_suspension_elastic": {"point": SHEARED},
+    "soft_suspension_plastic": {"point": SHEARED, "colour": "pressure"},
+    "soft_suspension_elastic_plates": {"point": SHEARED},
+    "soft_suspension_plastic_plates": {"point": SHEARED, "colour": "pressure"},
+    "soft_tissue_elastic": {"colour": "energy"},
+    "soft_tissue_plastic": {"colour": "energy"},
     "hard_disc_self_propelled": {"colour": "speed", "contacts": "none"},
     "hard_disc_inclined_plane": {"colour": "speed", "contacts": "force"},
     "hard_disc_hopper": {"colour": "speed", "contacts": "force"},
@@ -73,13 +86,16 @@ def job_of(points: list[StudyPoint], wanted: dict[str, Any], seed: int) -> Job:
     point: Any = fitting[0].point
     often = point.record.snapshots or OFTEN[point.shear.kind]
     changed = {"record": point.record.model_copy(update={"snapshots": often})}
-    if point.shear.kind == "compaction":
-        changed["packing"] = point.packing.model_copy(update={"particles": BOX})
+    if point.shear.kind in {"compaction", "tension"}:
+        changed["packing"] = point.packing.model_copy(update={"particles": MOST})
     return Job.create(point.model_copy(update=changed), seed, 0)
 
 
 def shown(kept: Kept) -> int:
-    """Return which snapshot is drawn: of largest load where it comes and goes, else the last."""
+    """Return which snapshot is drawn: of largest load where it comes and goes, else the last.
+
+    Of a tissue the one in which half of what breaks is broken.
+    """
     columns = kept.table.columns
     kind = kept.table.summary["protocol"]["kind"]
     rows = [snapshot.row for snapshot in kept.snapshots]
@@ -87,6 +103,9 @@ def shown(kept: Kept) -> int:
         return int(np.abs(columns["strain"][rows]).argmax())
     if kind == "diametral_compression":
         return int(columns["compression"][rows].argmax())
+    if kind == "tension":
+        broken = columns["links_broken"][rows]
+        return int(np.searchsorted(broken, 0.5 * broken[-1]))
     return len(rows) - 1
 
 

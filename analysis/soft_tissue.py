@@ -8,7 +8,6 @@ of the paper. Links at their break are those of a tissue of 30 cells, pulled her
 """
 
 import argparse
-import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,12 +21,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from numpy.typing import NDArray
 
+from shear_sim.figures.shells import Shells
 from shear_sim.models.interface import COHESIVE, Snapshot
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.simulation import SoftParticleSimulation
 from shear_sim.models.soft_particle.tension import cracks
 from shear_sim.render import Kept, read_kept
-from shear_sim.snapshots import clusters
 from shear_sim.streams import Streams
 
 FloatArray = NDArray[np.float64]
@@ -139,16 +138,17 @@ def report(jobs: dict[str, Kept]) -> None:
 
 def outlines(s: Snapshot) -> tuple[list[FloatArray], FloatArray]:
     """Return the corners and the energy of each cell."""
-    cell = clusters(s)
-    start = np.concatenate([[0], np.flatnonzero(np.diff(cell)) + 1, [len(cell)]])
-    assert s.energy is not None
-    return [s.position[a:b] for a, b in itertools.pairwise(start)], s.energy[start[:-1]]
+    cells = Shells(s)
+    discs = cells.as_discs(s)
+    assert discs.energy is not None
+    around = zip(discs.position, cells.outlines(s), strict=True)
+    return [middle + outline for middle, outline in around], discs.energy
 
 
 def crack(kept: Kept) -> tuple[float, float]:
     """Return the share of broken links that are of the largest crack, and its span / width."""
     first, last = kept.snapshots[0], kept.snapshots[-1]
-    cell = np.unique(clusters(first), return_inverse=True)[1]
+    cell = Shells(first).number
     held = first.kind == COHESIVE
     ends = list(zip(first.i[held].tolist(), first.j[held].tolist(), strict=True))
     left = links(last)

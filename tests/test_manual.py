@@ -120,11 +120,11 @@ def test_a_study_of_the_readme_is_planned(block, tmp_path):
     assert load_study(study).jobs()
 
 
-def test_the_first_study_runs_as_it_is(tmp_path):
-    code, output = run(
-        new_environment(), "sweep", ROOT / "configs/quick.yaml", "--results", tmp_path
-    )
-    assert (code, "40 of 40 jobs done" in output) == (0, True), output
+@pytest.mark.parametrize(("study", "jobs"), [("quick", 40), ("film", 2)])
+def test_the_first_studies_run_as_they_are(study, jobs, tmp_path):
+    file = ROOT / f"configs/{study}.yaml"
+    code, output = run(new_environment(), "sweep", file, "--results", tmp_path)
+    assert (code, f"{jobs} of {jobs} jobs done" in output) == (0, True), output
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from shear_sim import render
 from shear_sim.cli import app
 from shear_sim.figures.geometry import (
-    between_shells,
     displacement,
     in_rectangle,
     interfaces,
@@ -20,11 +19,10 @@ from shear_sim.figures.geometry import (
     particle_tints,
 )
 from shear_sim.figures.scene import Scene, view
-from shear_sim.models.interface import CONTACT, LINK, Snapshot
+from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
-from shear_sim.snapshots import clusters
 from shear_sim.study import load_study
 
 STUDY = """
@@ -162,14 +160,15 @@ def test_particles_lie_in_the_rectangle_and_are_images_of_themselves():
 
 
 def test_particles_that_touch_have_different_tints():
-    """Clusters of two in a row, linked 0–1, 2–3, …, each touching the next."""
+    """Bodies of two in a row, 0–1, 2–3, …, each touching the next."""
     place = np.column_stack([0.9 * np.arange(10) + 0.5, np.full(10, 5.0)])
     pairs = np.column_stack([np.arange(9), np.arange(1, 10)])
     s = snapshot(place, 0.5, pairs)
-    tints = particle_tints(s._replace(kind=np.array([LINK, CONTACT] * 4 + [LINK], np.int8)))
+    tints = particle_tints(s, np.arange(10) // 2)
     assert (tints[::2] == tints[1::2]).all()
     assert (tints[1:-1:2] != tints[2::2]).all()
-    alone = particle_tints(s._replace(radius=np.where(np.arange(10) % 2, 0.7, 0.5)))
+    mixed = s._replace(radius=np.where(np.arange(10) % 2, 0.7, 0.5))
+    alone = particle_tints(mixed, np.full(10, -1))
     assert len(set(alone)) == 2  # large and small
 
 
@@ -195,7 +194,7 @@ def test_the_cell_is_drawn_with_its_images():
 def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
     """Edges and states of contacts where discs are 7 points and more across.
 
-    Else the colours of linked particles, or the forces above the mean where there are none.
+    Else the colours of linked particles, or the strongest fifth of the forces where there are none.
     """
     s = many(count)
     s = s._replace(normal=np.linspace(0, 2, len(s.i)))
@@ -212,7 +211,17 @@ def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
     if contacts == "none":
         assert lines == 0
     elif contacts == "force":
-        assert len(s.i) / 2 < lines < 0.7 * len(s.i)  # with those of images
+        assert len(s.i) / 5 < lines < 0.3 * len(s.i)  # with those of images
+
+
+@pytest.mark.parametrize(
+    ("colour", "kind", "contacts"),
+    [("particle", LINK, "state"), ("spin", LINK, "none"), ("spin", SLIDING, "state")],
+)
+def test_links_are_not_drawn_over_colours_with_a_scale(colour, kind, contacts):
+    s = many(150)
+    s = s._replace(spin=np.linspace(-1, 1, 150), kind=np.full(len(s.i), kind, np.int8))
+    assert scene([s], colour=colour).contacts == contacts
 
 
 def test_lines_are_as_wide_as_forces_are_strong():
@@ -226,6 +235,21 @@ def test_lines_are_as_wide_as_forces_are_strong():
     by_place = {round(float(x)): w for (x, _), w in zip(ends, widths, strict=True)}
     assert by_place[3] == pytest.approx(2 * by_place[2])
     assert len({tuple(c) for c in forces.get_color()}) == 2  # it pushes, or it pulls
+
+
+def test_what_is_as_good_as_unloaded_has_no_chains():
+    """Widths go by the mean of each snapshot, but for one with a millionth of the largest mean."""
+    place = [[2, 2], [3, 2], [4, 2]]
+    loaded = snapshot(place, 0.5, [(0, 1), (1, 2)])._replace(normal=np.array([1.0, 3.0]))
+    less = loaded._replace(normal=0.1 * loaded.normal)
+    drawn = scene([loaded, less, loaded._replace(normal=1e-6 * loaded.normal)], contacts="force")
+    widths, lines = [], []
+    for number in range(3):
+        drawn.show(number)
+        widths.append(np.sort(drawn.artists[3].get_linewidth()))
+        lines.append(len(drawn.artists[3].get_paths()))
+    assert widths[1] == pytest.approx(widths[0])
+    assert lines == [2, 2, 0]
 
 
 @pytest.mark.parametrize("look", [{"colour": "presure"}, {"contacts": "forces"}])
@@ -336,39 +360,55 @@ def test_only_soft_particles_have_energies(jobs, tmp_path):
         assert "no energies of its particles" in str(shown.exception)
 
 
-def test_forces_between_soft_particles_are_sums_over_their_vertices(box):
-    """Of all contacts of two particles as vectors, one by one; what a wall bears is unchanged."""
-    s = max(box.snapshots, key=lambda each: each.normal[each.kind != LINK].sum())
-    merged, body = between_shells(s), clusters(s)
-    assert len(merged.radius) == 4
-    assert len({*zip(merged.i.tolist(), merged.j.tolist(), strict=True)}) == len(merged.i)
-    sums = {}
-    for i, j, r, push, kind in zip(s.i, s.j, s.separation, s.normal, s.kind, strict=True):
-        if kind != LINK:
-            a, b = int(body[i]), int(body[j]) if j >= 0 else int(j)
-            sign = 1 if b < 0 or a < b else -1
-            pair = (a, b) if sign == 1 else (b, a)
-            sums[pair] = sums.get(pair, 0) + sign * push * r / math.hypot(*r)
-    found = dict(zip(zip(merged.i, merged.j, strict=True), merged.normal, strict=True))
-    assert found == {pair: pytest.approx(math.hypot(*f)) for pair, f in sums.items()}
-    walls = -1 - s.j[s.j < 0]
-    assert np.bincount(-1 - merged.j[merged.j < 0], merged.normal[merged.j < 0]) == pytest.approx(
-        np.bincount(walls, s.normal[s.j < 0])
-    )
-    for i, j, r in zip(merged.i, merged.j, merged.separation, strict=True):
-        if j < 0:  # the line of a force ends on its wall
-            x, y, place = s.walls[-1 - j]
-            assert (merged.position[i] + r) @ [x, y] == pytest.approx(place, abs=1e-9)
+def test_what_does_not_turn_is_not_coloured_by_spin(jobs, box, tmp_path):
+    shown = call(jobs, jobs["kept"], "--colour", "spin", "--out", tmp_path / "spin.png")
+    assert isinstance(shown.exception, ResultsError)
+    assert "nothing turns its particles" in str(shown.exception)
+    # The vertices of soft particles have no spin, the particles do.
+    render.write_picture(box, tmp_path / "box.png", -1, "spin")
+    assert (tmp_path / "box.png").exists()
 
 
-def test_a_disc_in_place_of_a_shell_has_its_area_and_place(box):
-    s = box.snapshots[0]
-    discs, body = between_shells(s), clusters(s)
-    for number in range(4):
-        own = s.position[body == number]
-        turn = np.argsort(np.arctan2(*(own - own.mean(axis=0)).T[::-1]))
-        assert np.pi * discs.radius[number] ** 2 == pytest.approx(area(own[turn]))
-        assert discs.position[number] == pytest.approx(own.mean(axis=0))
+def boxes(figure):
+    """What is written on a figure beside its particles, as (left, bottom, right, top) [pixels]."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure).draw()
+    writer = figure.canvas.get_renderer()
+    found = []
+    for axis in figure.axes[1:]:
+        texts = [axis.xaxis.label, axis.yaxis.label]
+        for side in (axis.xaxis, axis.yaxis):
+            low, high = sorted(side.get_view_interval())
+            texts += [tick.label1 for tick in side.majorTicks if low <= tick.get_loc() <= high]
+        legend = axis.get_legend()
+        texts += legend.get_texts() if legend else []
+        extents = [t.get_window_extent(writer) for t in texts if t.get_visible() and t.get_text()]
+        found += [(b.x0, b.y0, b.x1, b.y1) for b in extents if b.height > 0]
+    return np.array(found)
+
+
+@pytest.mark.parametrize("large", [1.0, 1e4])
+def test_no_letters_lie_on_others_or_on_the_particles(jobs, large):
+    """Of a gel with all four kinds of contacts, the title of whose scale has two lines."""
+    kept = render.read_kept(jobs["kept"])
+    kinds = np.arange(len(kept.snapshots[1].i)) % 3
+    mixed = [s._replace(kind=np.resize(kinds, len(s.i)).astype(np.int8)) for s in kept.snapshots]
+    table = kept.table
+    columns = {name: -large * values if "stress" in name else values
+               for name, values in table.columns.items()}  # fmt: skip
+    kept = kept._replace(snapshots=mixed, table=table._replace(columns=columns))
+    with render._stage(kept, "displacement", "state") as stage:
+        stage.show(1)
+        found = boxes(stage.figure)
+        room = stage.scene.axis.get_window_extent().x1
+        width = stage.figure.bbox.width
+    left, bottom, right, top = found.T
+    assert left.min() > room
+    assert right.max() < width
+    apart = (right[:, None] <= left) | (left[:, None] >= right)
+    apart |= (top[:, None] <= bottom) | (bottom[:, None] >= top)
+    assert apart[~np.eye(len(found), dtype=bool)].all()
 
 
 def test_a_picture_shows_what_is_between_the_walls(box):
@@ -432,6 +472,7 @@ def test_the_snapshot_nearest_to_a_time(jobs):
         ("kept", ["--snapshot", 1, "--film"], "give one of them"),
         ("kept", ["--out", "x.gif"], "must end with .png or .pdf"),
         ("kept", ["--film", "--out", "x.png"], "must end with .gif"),
+        ("kept", ["--film", "--out", "none/x.gif"], "there is no folder none: make it first"),
     ],
 )
 def test_what_cannot_be_drawn_is_said(jobs, scene, options, message):

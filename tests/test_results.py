@@ -227,6 +227,8 @@ def test_jobs_are_found_by_file_or_unique_prefix(results, tmp_path):
     for wrong in ("0", "", "*", "xyz", "no/such/file.parquet"):
         with pytest.raises(ResultsError, match="no such file"):
             find_job(wrong, root)
+    with pytest.raises(ResultsError, match="a folder, not a job: `shear-sim show "):
+        find_job(str(root), root)
 
 
 def test_another_folder_is_not_taken_for_results(tmp_path):

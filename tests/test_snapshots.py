@@ -11,7 +11,7 @@ from tools import differences, read_table
 
 from shear_sim import models, runner
 from shear_sim.accuracy import finish
-from shear_sim.models.interface import CONTACT_KINDS, LINK, SLIDING
+from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.plan import make_plan
 from shear_sim.protocol import snapshot_rows
@@ -178,7 +178,7 @@ def test_contacts_of_two_chains_are_the_forces_on_each(closed):
     s.motion.vx[:12], s.motion.vy[:12] = 0.02, 0.05
     s.advance(round(1 / s.rules.step))
     snapshot = take(s, 0, (-4.0, -4.0, 8.0, 8.0))
-    touching = snapshot.kind != LINK
+    touching = snapshot.kind != BAR
     force = forces(snapshot)
     total = np.zeros((len(s.motion.x), 2))
     np.add.at(total, snapshot.i, -force)
@@ -355,7 +355,7 @@ def test_particles_that_are_linked_to_none_have_no_body(study):
 def test_kinds_are_words_in_the_table(study):
     job = make_job("microgel: friction and links", 5)
     kinds = read_table(paths(study.snapshots, job.id)[1]).columns["kind"]
-    assert set(kinds) == set(CONTACT_KINDS) - {"cohesive"}  # between soft shells only
+    assert set(kinds) == set(CONTACT_KINDS) - {"cohesive", "bar"}  # of soft shells only
 
 
 def test_a_job_in_pieces_keeps_the_same_snapshots(tmp_path, monkeypatch):

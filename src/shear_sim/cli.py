@@ -356,7 +356,7 @@ def render(
     ] = Colour.particle,
     contacts: Annotated[
         Contacts | None,
-        typer.Option(help="Lines: links and what holds or slides, or forces. Default: by size."),
+        typer.Option(help="Lines: links and what holds or slides, or forces. Default: what fits."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -367,8 +367,9 @@ def render(
 
     Particles and contacts, with strain and stress beside them, of jobs whose study says `record:
     {snapshots: N}`. Links are blue with an orange interface, interfaces that hold are red, those
-    that slide green. Images of the cell are dimmed. Displacements are beside the affine flow, since
-    the first snapshot.
+    that slide green. Forces are as wide as they are strong beside the mean of their snapshot;
+    between very small particles only the strongest fifth is drawn. Images of the cell are dimmed,
+    and held particles grey. Displacements are beside the affine flow, since the first snapshot.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
     shear-sim render 3f9c21 --time 0.5 --contacts force --out forces.pdf
@@ -379,6 +380,9 @@ def render(
     suffixes = (".gif",) if film else (".png", ".pdf")
     if out is not None and out.suffix not in suffixes:
         msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
+        raise typer.BadParameter(msg)
+    if out is not None and not out.parent.is_dir():
+        msg = f"--out {out}: there is no folder {out.parent}: make it first"
         raise typer.BadParameter(msg)
     if (snapshot is not None) + (time is not None) + film > 1:
         msg = "--snapshot, --time and --film say different things: give one of them"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
+from shear_sim.figures.shells import is_shells
 from shear_sim.models.interface import Columns, Snapshot
 from shear_sim.results import ResultsError, advising, read_job
 from shear_sim.snapshots import beside, read_snapshots
@@ -147,10 +148,18 @@ def write_film(
 
 
 def _check_colour(kept: Kept, colour: str) -> None:
-    if colour == "energy" and kept.snapshots[0].energy is None:
+    first = kept.snapshots[0]
+    if colour == "energy" and first.energy is None:
         msg = (
             f"{kept.path}: has kept no energies of its particles, which only soft ones do: another "
             "--colour"
+        )
+        raise ResultsError(msg)
+    turns = is_shells(first) or any(s.spin.any() for s in kept.snapshots)
+    if colour == "spin" and not turns:
+        msg = (
+            f"{kept.path}: nothing turns its particles, as in the model hard_disc, or without "
+            "friction: another --colour"
         )
         raise ResultsError(msg)
 
@@ -164,9 +173,9 @@ class _Stage:
         room = across - PANEL
         axis = figure.add_axes((0.0, 0.0, room / across, 1.0))
         self.scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
-        left, wide = (room + 0.62) / across, (PANEL - 0.74) / across
+        left, wide = (room + 0.7) / across, (PANEL - 0.82) / across
         curves, label = _curves(kept)
-        foot, top, gap = 1.85 if self.scene.scaled else 1.3, 0.16, 0.16
+        foot, top, gap = 2.0 if self.scene.colours.scaled else 1.3, 0.16, 0.16
         each = (down - foot - top - gap * (len(curves) - 1)) / len(curves)
         each = min(each, 1.6)
         self.points: list[Line2D] = []
@@ -176,6 +185,8 @@ class _Stage:
             axis = figure.add_axes((left, bottom / down, wide, each / down))
             axis.plot(label[1], values, color=style.GREY, linewidth=0.8)
             axis.set_ylabel(name)
+            middle = (bottom + each / 2) / down
+            axis.yaxis.set_label_coords((room + 0.22) / across, middle, figure.transFigure)
             axis.tick_params(labelbottom=place == len(curves) - 1)
             if place == len(curves) - 1:
                 axis.set_xlabel(label[0])
@@ -186,10 +197,10 @@ class _Stage:
         low = figure.add_axes((left, 0.12 / down, wide, 0.6 / down))
         low.set_axis_off()
         self.scene.legend(low)
-        if self.scene.scaled:
-            bar = figure.add_axes((left, 1.2 / down, wide, 0.1 / down))
+        if self.scene.colours.scaled:
+            bar = figure.add_axes((left, 1.34 / down, wide, 0.1 / down))
             bar.set_label("<colorbar>")
-            self.scene.colourbar(bar, _unit(kept, colour))
+            self.scene.colours.bar(bar, _unit(kept, colour))
 
     def show(self, number: int) -> None:
         self.scene.show(number)
@@ -231,21 +242,27 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
     if "period" in protocol:
         time = (columns["time"] - protocol["shear_start"]) / protocol["period"]
         return [(strain, "strain"), *stress], ("time / period", time)
-    rate = "/\\dot\\gamma" if np.ptp(strain) > 0 else "\\tau"
+    rate = "/\\dot\\gamma" if _strained(kept) else "\\tau"
     pressure = _first_of(
         columns, scaled_pressure=f"pressure $p\\xi_0{rate}$", pressure="pressure [Pa]"
     )
-    if np.ptp(strain) > 0:
+    if _strained(kept):
         return [*stress, *pressure], ("strain", strain)
     density = columns.get("packing_fraction")
     more = [(density, "packing fraction")] if density is not None and np.ptp(density) > 1e-9 else []
     return [*pressure, *more], ("time [s]", columns["time"])
 
 
+def _strained(kept: Kept) -> bool:
+    return bool(np.ptp(kept.table.columns["strain"]) > 0)
+
+
 def _unit(kept: Kept, colour: str) -> str:
     if "scaled_pressure" in kept.table.columns:  # hard discs: of their path, not of the time
-        return {"speed": "λ/path"}.get(colour, "")
-    units = {"pressure": "Pa", "spin": "1/s", "speed": "m/s", "energy": "J/m"}
+        pressure = "$\\dot\\gamma/\\xi_0$" if _strained(kept) else "$1/\\xi_0\\tau$"
+        units = {"speed": "λ/path", "pressure": pressure}
+    else:
+        units = {"pressure": "Pa", "spin": "1/s", "speed": "m/s", "energy": "J/m"}
     return units.get(colour, "")
 
 

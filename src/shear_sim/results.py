@@ -591,6 +591,11 @@ def find_job(reference: str, root: Path) -> Path:
     """
     if (path := Path(reference)).is_file():
         return path
+    if reference and path.is_dir():
+        msg = (
+            f"{reference}: a folder, not a job: `shear-sim show {reference}` lists those of a study"
+        )
+        raise ResultsError(msg)
     found = []
     if reference and all(letter in "0123456789abcdef" for letter in reference):
         found = sorted(root.glob(f"*/jobs/{reference}*.parquet"))

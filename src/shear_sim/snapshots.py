@@ -1,10 +1,10 @@
 """Snapshots beside a result: a GSD file of the particles, and a Parquet table of the contacts.
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
-diameters, velocities, links as bonds, the number of the linked cluster as ``body``, and in ``log``
-the spin of the particles (of soft ones also the energy), strain and stress of the record. The table
-has every contact in full precision. Both are written whole; the table holds the checksum of the
-other file.
+diameters, velocities, links and bars of shells as bonds, the number of the cluster that they make
+as ``body``, and in ``log`` the spin of the particles (of soft ones also the energy), strain and
+stress of the record. The table has every contact in full precision. Both are written whole; the
+table holds the checksum of the other file.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.interface import CONTACT_KINDS, LINK, Snapshot
+from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, Snapshot
 from shear_sim.tables import TableError, read_summary, read_table, write_table, write_whole
 
 if TYPE_CHECKING:
@@ -32,10 +32,11 @@ FIELDS = (
     ("y", "m", "the same"),
     ("normal", "N/m", "force that pushes i and j apart (hard discs: path rate / ξ₀)"),
     ("tangential", "N/m", "force on j along (−y, x) / distance"),
-    ("kind", "", "link, contact (it holds), sliding, or cohesive (a link between shells)"),
+    ("kind", "", "link, contact (it holds), sliding, cohesive (link of two shells), bar (of one)"),
 )
 #: Columns of a result that a frame repeats, as far as there are such.
 LOGGED = ("time", "strain", "compression", "shear_stress", "pressure", "force")
+BONDS = (LINK, BAR)  # what makes clusters of particles
 _TYPES = ["particle", "fixed"]
 
 
@@ -126,10 +127,10 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     particles.velocity = velocity
     particles.diameter = (2 * snapshot.radius).astype(np.float32)
     particles.body = clusters(snapshot).astype(np.int32)
-    links = snapshot.kind == LINK
+    links = np.isin(snapshot.kind, BONDS)
     made.bonds.N = int(links.sum())
-    made.bonds.types = ["link"]
-    made.bonds.typeid = np.zeros(made.bonds.N, np.uint32)
+    made.bonds.types = [CONTACT_KINDS[kind] for kind in BONDS]
+    made.bonds.typeid = (snapshot.kind[links] == BAR).astype(np.uint32)
     made.bonds.group = np.column_stack([snapshot.i[links], snapshot.j[links]]).astype(np.uint32)
     made.log = {name: np.array([value], np.float64) for name, value in log.items()}
     made.log["particles/spin"] = snapshot.spin
@@ -158,7 +159,7 @@ def clusters(snapshot: Snapshot) -> NDArray[np.int64]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    links = snapshot.kind == LINK
+    links = np.isin(snapshot.kind, BONDS)
     i, j, count = snapshot.i[links], snapshot.j[links], len(snapshot.radius)
     graph = coo_array((np.ones(len(i)), (i, j)), shape=(count, count))
     body: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)

@@ -1,10 +1,9 @@
-"""Geometry of pictures of particles: where they lie, their outlines, interfaces and colours."""
+"""Geometry of pictures of discs: where they lie, outlines, interfaces, and what colours show."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.interface import CONTACT, LINK, Snapshot
-from shear_sim.snapshots import clusters
+from shear_sim.models.interface import Snapshot
 
 FloatArray = NDArray[np.float64]
 
@@ -123,9 +122,11 @@ def displacement(now: Snapshot, first: Snapshot, strain: float) -> FloatArray:
     return away
 
 
-def particle_tints(s: Snapshot) -> NDArray[np.str_]:
-    """Return tints (N,) of particles: no two clusters that touch have the same, where possible."""
-    body = clusters(s)
+def particle_tints(s: Snapshot, body: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Return tints (N,) of particles: no two bodies that touch have the same, where possible.
+
+    ``body`` (N,) says which each is of; −1: of none, its tint shows whether it is large or small.
+    """
     alone = body < 0
     middle = 0.5 * float(s.radius.min() + s.radius.max())
     large = (s.radius > middle) | (s.radius.max() < _ALIKE * s.radius.min())
@@ -145,61 +146,3 @@ def particle_tints(s: Snapshot) -> NDArray[np.str_]:
         chosen[number] = min(free, key=used.__getitem__)
         used[chosen[number]] += 1
     return np.where(alone, tints, np.array(_TINTS)[chosen][body])
-
-
-def is_shell(s: Snapshot) -> bool:
-    """Whether particles are the vertices of closed shells."""
-    links = s.kind == LINK
-    degree = np.bincount(np.concatenate([s.i[links], s.j[links]]), minlength=len(s.radius))
-    return not s.periodic and bool((degree == 2).all())
-
-
-def round_trips(s: Snapshot) -> list[list[int]]:
-    """Return the vertices of each shell in order."""
-    links = s.kind == LINK
-    after = dict(zip(s.i[links].tolist(), s.j[links].tolist(), strict=True))
-    trips = []
-    while after:
-        trip = [next(iter(after))]
-        while (vertex := after.pop(trip[-1])) != trip[0]:
-            trip.append(vertex)
-        trips.append(trip)
-    return trips
-
-
-def between_shells(s: Snapshot) -> Snapshot:
-    """Return shells as discs of the same area, with the sums of the forces between each two.
-
-    A disc is where the vertices of its shell are in the mean. What a wall does to a shell acts in
-    one place, the mean of its contacts weighted by their forces.
-    """
-    body = clusters(s)
-    count = int(body.max()) + 1
-    number = np.bincount(body)
-    centre = np.column_stack([np.bincount(body, x) / number for x in s.position.T])
-    area = np.zeros(count)
-    for trip in round_trips(s):
-        x, y = s.position[trip].T
-        area[body[trip[0]]] = 0.5 * abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()))
-    use = (s.kind != LINK) & (s.normal > 0)
-    i = body[s.i[use]]
-    j = np.where(s.j[use] >= 0, body[s.j[use]], s.j[use])
-    swap = (j >= 0) & (j < i)
-    i, j = np.where(swap, j, i), np.where(swap, i, j)
-    pairs, which = np.unique(np.column_stack([i, j]), axis=0, return_inverse=True)
-    which = which.ravel()
-    along = s.separation[use] / np.hypot(*s.separation[use].T)[:, None]
-    push = s.normal[use, None] * np.where(swap, -1.0, 1.0)[:, None] * along
-    force = np.hypot(*(np.bincount(which, each, len(pairs)) for each in push.T))
-    meets = s.position[s.i[use]] + s.separation[use]
-    share = s.normal[use] / np.bincount(which, s.normal[use])[which]
-    at = np.column_stack([np.bincount(which, share * each) for each in meets.T])
-    i, j = pairs.T
-    to = np.where((j >= 0)[:, None], centre[j], at)
-    none = np.zeros(len(pairs))
-    return s._replace(
-        position=centre, velocity=np.zeros((count, 2)), spin=np.zeros(count),
-        radius=np.sqrt(area / np.pi), fixed=np.zeros(count, bool), i=i, j=j,
-        separation=to - centre[i], normal=force, tangential=none,
-        kind=np.full(len(pairs), CONTACT, np.int8),
-    )  # fmt: skip

@@ -1,7 +1,8 @@
 """Pictures of particles: the Lees–Edwards cell with its images, contacts and forces.
 
 Links, and contacts that hold or slide, have the colours of the manual's figure S1-1a: a link is
-blue with an orange interface, an interface that holds is red, one that slides is green.
+blue with an orange interface, an interface that holds is red, one that slides is green. Shells,
+whose vertices are the particles of a snapshot, are drawn as what they enclose, in a blue membrane.
 """
 
 import math
@@ -11,45 +12,35 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.figures.geometry import (
-    between_shells,
-    displacement,
-    in_rectangle,
-    interfaces,
-    is_shell,
-    outlines,
-    particle_pressure,
-    particle_tints,
-    round_trips,
-)
+from shear_sim.figures.colouring import Colouring
+from shear_sim.figures.geometry import in_rectangle, interfaces, outlines, particle_tints
+from shear_sim.figures.shells import Shells, is_shells
 from shear_sim.looks import Colour, Contacts
 from shear_sim.models.interface import COHESIVE, CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.snapshots import clusters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection
-    from matplotlib.colors import Colormap
     from matplotlib.legend import Legend
 
 FloatArray = NDArray[np.float64]
 
-_FIXED, _EDGE = "#9a9a9a", "#5a6470"
+_EDGE = "#5a6470"
 _LINK, _INTERFACE, _HOLDS, _SLIDES = "#0a5fa8", "#f08c00", "#c8102e", "#00a35c"
 _PUSH, _PUSH_ON_SCALE, _PULL = "#8c1016", "#20242a", "#0a5fa8"
+_KINDS = (_INTERFACE, _HOLDS, _SLIDES, _INTERFACE)  # of interfaces
 _DIMMED = 0.62  # of white in what lies outside of the cell
 _CORNERS = 36  # of a disc; half as many where it is small
-_SMALL_DISC = 7.0  # points: smaller ones have no edges, and contacts are drawn as forces
-_INTO_SHELL = 0.12  # of the picture: the longest line of a force on a shell
+_SMALL = 7.0  # points: smaller discs have no edges, and contacts are drawn as forces
+_LARGE = 16.0  # points: lines of forces grow no wider with larger discs
+_INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
+_LEAST = 0.02  # of the largest mean: widths are beside this where the mean force is less
+_TINY = 4.5  # points: between smaller discs all forces would be too many
+_CHAINS = 0.2  # of the forces, the strongest: what is drawn there
+_OVER_COLOURS = 0.7  # width of forces where they lie on colours that are to be read
 _MARGIN = 0.7  # around the cell, in largest diameters
-_FULL = 98.0  # percentile that takes the end of a colour scale
-_TITLES = {
-    "pressure": "pressure of a particle",
-    "spin": "spin",
-    "speed": "speed",
-    "displacement": "non-affine displacement\n[mean diameters]",
-    "energy": "elastic energy\nof a particle",
-}
 
 
 class Scene:
@@ -86,10 +77,10 @@ class Scene:
     ) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
 
-        self.axis, self.snapshots, self.colour = axis, snapshots, Colour(colour)
-        first = snapshots[0]
-        self._shell = is_shell(first)
-        self._many = self._shell and len(round_trips(first)) > 1
+        self.axis, self.snapshots = axis, snapshots
+        self._shells = Shells(snapshots[0]) if is_shells(snapshots[0]) else None
+        #: One disc for each particle of the picture.
+        self._particles = [self._shells.as_discs(s) if self._shells else s for s in snapshots]
         self._left, self._bottom, self.width, self.height = view(snapshots)
         axis.set(xlim=(self._left, self._left + self.width))
         axis.set(ylim=(self._bottom, self._bottom + self.height))
@@ -103,25 +94,28 @@ class Scene:
         across, down = (float(a) for a in figure.get_size_inches())
         inches = min(room.width * across / self.width, room.height * down / self.height)
         self.point = 72 * inches  # per unit of length
+        first = self._particles[0]
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
-        #: Too small for all forces: those above the mean are the chains.
-        self._small = bool(not self._shell and self.diameter < _SMALL_DISC)
-        self.contacts = Contacts(contacts or self._readable(first))
-        self._tints = particle_tints(first)
-        self._values = self._coloured(strain)
-        self._scale = _limits(self._values, colour)
-        edge = 0.0 if self.diameter < _SMALL_DISC else min(0.035 * self.diameter, 0.6)
-        self._discs = PolyCollection([], linewidths=edge, edgecolors=_EDGE)
-        if edge == 0.0:
-            self._discs.set_edgecolor("none")
-        thick = 2 * self.point * float(first.radius.mean()) if self._shell else 0.0
-        self._links = LineCollection([], colors=_LINK, linewidths=thick or self._line(0.055))
+        self._small = self.diameter < _SMALL
+        body = np.arange(len(self._shells)) if self._shells else clusters(first)
+        tints = particle_tints(first, body)
+        self.colours = Colouring(self._particles, strain, Colour(colour), tints)
+        self.contacts = Contacts(contacts or self._readable())
+        self._least, self._largest = self._forces_of_all()
+        if self._shells:
+            edge, self._edge = 2 * self.point * float(snapshots[0].radius.mean()), _LINK
+        elif self._small:
+            edge, self._edge = 0.0, "none"
+        else:
+            edge, self._edge = min(0.035 * self.diameter, 0.6), _EDGE
+        self._bodies = PolyCollection([], linewidths=edge, joinstyle="round")
+        self._links = LineCollection([], colors=_LINK, linewidths=self._line(0.055))
         self._interfaces = LineCollection([], linewidths=self._line(0.06))
         self._forces = LineCollection([])
         self._cell = LineCollection([], colors="0.15", linewidths=0.8, linestyles="dashed")
         self._own = LineCollection([], colors="0.1", linewidths=1.1)
         self.artists = (
-            self._discs, self._links, self._interfaces, self._forces, self._cell, self._own,
+            self._bodies, self._links, self._interfaces, self._forces, self._cell, self._own,
         )  # fmt: skip
         for order, artist in enumerate(self.artists):
             artist.set(zorder=2 + order)
@@ -132,84 +126,29 @@ class Scene:
     def _line(self, of_diameter: float) -> float:
         return min(max(of_diameter * self.diameter, 0.25), 2.5)
 
-    def _readable(self, first: Snapshot) -> str:
+    @property
+    def _alone(self) -> bool:
+        """Whether there is one shell: forces on it are then drawn where they act."""
+        return self._shells is not None and len(self._shells) == 1
+
+    def _readable(self) -> str:
+        first = self.snapshots[0]
         if (first.kind == COHESIVE).any():
             return "none"  # a crack is seen by its gap
-        if self._shell or not first.periodic:
+        if self._shells or not first.periodic:
             return "force"
-        if self.diameter < _SMALL_DISC and (self.colour != "particle" or LINK in first.kind):
+        if sum([self._small, self.colours.scaled, LINK in first.kind]) > 1:
             return "none"  # particles are seen by their colours
         held = any((s.kind != CONTACT).any() for s in self.snapshots)
-        return "state" if held and self.diameter >= _SMALL_DISC else "force"
+        return "state" if held and not self._small else "force"
 
-    # --- What colours mean -----------------------------------------------------------------------
-
-    def _coloured(self, strain: FloatArray) -> list[FloatArray]:
-        """Return what the particles (N,) are coloured by, snapshot by snapshot."""
-        first = self.snapshots[0]
-        if self.colour == "pressure":
-            return [particle_pressure(s) for s in self.snapshots]
-        if self.colour == "spin":
-            return [s.spin for s in self.snapshots]
-        if self.colour == "energy":
-            return [s.energy for s in self.snapshots if s.energy is not None]
-        if self.colour == "speed":
-            return [np.hypot(*s.velocity.T) for s in self.snapshots]
-        if self.colour == "displacement":
-            size = 2 * float(first.radius.mean())
-            return [
-                np.hypot(*displacement(s, first, float(g - strain[0])).T) / size
-                for s, g in zip(self.snapshots, strain, strict=True)
-            ]
-        return []
-
-    def _faces(self, number: int) -> FloatArray:
-        """Return the colours (N, 4) of the particles."""
-        from matplotlib.colors import to_rgba_array
-
-        snapshot = self.snapshots[number]
-        if self._values:
-            low, high = self._scale
-            share = (self._values[number] - low) / (high - low)
-            made = np.asarray(self._map(share), np.float64)
+    def _forces_of_all(self) -> tuple[float, float]:
+        """Return the least mean force that widths are drawn for, and the largest of all forces."""
+        if self._alone:
+            forces = [s.normal[s.j < 0] for s in self.snapshots]
         else:
-            made = to_rgba_array(self._tints)
-        if not self._shell:  # of which only some vertices are held
-            made[snapshot.fixed] = to_rgba_array(_FIXED)
-        if self.contacts == "force" and not self._values:
-            made[:, :3] = 1 - 0.55 * (1 - made[:, :3])
-        return made
-
-    @property
-    def _map(self) -> "Colormap":
-        """Colours of the scale, none so dark that lines on it are lost."""
-        from matplotlib import colormaps
-        from matplotlib.colors import ListedColormap
-
-        name, low, high = {
-            "pressure": ("YlOrBr", 0.0, 0.72), "spin": ("RdBu", 0.12, 0.88),
-            "speed": ("YlGnBu", 0.0, 0.75), "displacement": ("YlGnBu", 0.0, 0.75),
-            "energy": ("YlOrBr", 0.0, 0.72),
-        }[self.colour]  # fmt: skip
-        return ListedColormap(colormaps[name](np.linspace(low, high, 256)))
-
-    def colourbar(self, axis: "Axes", unit: str) -> None:
-        """Draw the colour scale into ``axis``; nothing is drawn for particles without one."""
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colorbar import Colorbar
-        from matplotlib.colors import Normalize
-
-        mappable = ScalarMappable(Normalize(*self._scale), self._map)
-        bar = Colorbar(axis, mappable, orientation="horizontal")
-        text = _TITLES[self.colour]
-        # To the left: a power of ten may stand at the right.
-        bar.set_label(text if "[" in text or not unit else f"{text} [{unit}]", loc="left")
-        bar.outline.set_visible(False)
-
-    @property
-    def scaled(self) -> bool:
-        """Whether colours have a scale."""
-        return bool(self._values)
+            forces = [_strength(s) for s in self._particles]
+        return _LEAST * max(map(_mean, forces)), max(f.max(initial=0.0) for f in forces)
 
     def legend(self, axis: "Axes") -> "Legend | None":
         """Say in ``axis`` what the lines are."""
@@ -221,21 +160,16 @@ class Scene:
         kinds = set(np.concatenate([np.unique(s.kind) for s in self.snapshots]).tolist())
         shown = []
         if self.contacts == "state":
-            slides = SLIDING in kinds
-            shown += [line(_LINK, "link"), line(_INTERFACE, "interface of a link")] * (
-                LINK in kinds
-            )
+            shown += [line(_LINK, "link")] * (LINK in kinds)
+            shown += [line(_INTERFACE, "interface of a link")] * bool(kinds & {LINK, COHESIVE})
             shown += [line(_HOLDS, "contact that holds")] * (CONTACT in kinds)
-            shown += [line(_SLIDES, "contact that slides")] * slides
+            shown += [line(_SLIDES, "contact that slides")] * (SLIDING in kinds)
         elif self.contacts == "force":
-            push = _PUSH_ON_SCALE if self._values else _PUSH
-            one = self._shell and not self._many
-            way = "length: force / largest" if one else "width: force / mean"
-            way = "above the mean" if self._small else way
+            push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
+            way = "length as force" if self._alone else "width as force"
+            way = "strongest fifth" if self.diameter < _TINY else way
             shown += [line(push, f"push; {way}")]
-            # Bars of a shell are drawn as its outline, whatever force is in them.
-            pulls = ((s.normal < 0) & ~(self._shell & (s.kind == LINK)) for s in self.snapshots)
-            shown += [line(_PULL, "pull")] * any(pull.any() for pull in pulls)
+            shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self._particles)
         if not shown:
             return None
         return axis.legend(
@@ -246,27 +180,18 @@ class Scene:
 
     def show(self, number: int) -> None:
         """Show snapshot ``number``."""
-        from matplotlib.colors import to_rgba_array
-
-        s = self.snapshots[number]
-        place = in_rectangle(s)
-        moves = self._moves(s)
-        faces = self._faces(number)
-        who, move = self._seen(place, moves, float(s.radius.max()))
-        there = place[who] + moves[move]
-        own = (there >= 0).all(axis=1) & (there < [s.width, s.height]).all(axis=1)
-        own |= not s.periodic
-        outline = outlines(s, _CORNERS if self.diameter >= _SMALL_DISC else _CORNERS // 2)
-        order = np.argsort(own, kind="stable")  # the cell's own lie on top
-        self._discs.set_verts(list(outline[who[order]] + there[order, None]))
-        self._discs.set_facecolor(dimmed(faces[who], ~own)[order])  # type: ignore[arg-type]
-        self._lines(s, place, moves)
-        if self._shell:
-            trips = round_trips(s)
-            self._discs.set_verts([place[trip] for trip in trips])
-            tints = faces if self._values else to_rgba_array(self._tints)
-            self._discs.set_facecolor(tints[[t[0] for t in trips]])  # type: ignore[arg-type]
-        self._edges(s, moves)
+        s = self._particles[number]
+        place, moves = in_rectangle(s), self._moves(s)
+        self._draw_bodies(number, place, moves)
+        for collection in (self._links, self._interfaces, self._forces):
+            collection.set_segments([])
+        if self.contacts == "state":
+            self._draw_state(number, place, moves)
+        elif self.contacts == "force" and self._alone:
+            self._draw_pushes(number, place)
+        elif self.contacts == "force":
+            self._draw_forces(s, place, moves)
+        self._draw_edges(s, moves)
 
     def _moves(self, s: Snapshot) -> FloatArray:
         """Return the displacements (M, 2) of the images that may be seen, the cell's own first."""
@@ -281,64 +206,98 @@ class Scene:
         return np.array(found)
 
     def _seen(
-        self, place: FloatArray, moves: FloatArray, reach: float
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return which images of which points (N, 2) are within the picture, or ``reach`` of it."""
+        self, s: Snapshot, place: FloatArray, moves: FloatArray, reach: float, across: FloatArray
+    ) -> tuple[NDArray[np.int64], FloatArray, NDArray[np.bool_]]:
+        """Return which images of points (N, 2) are within the picture, or ``reach`` of it.
+
+        The number of the point of each, by how much it is displaced (·, 2), and whether it lies
+        outside of the cell; those in it come last, and so on top. What goes ``across`` its point
+        (N, 2), as far to the one side as to the other, lies outside where both ends do.
+        """
         there = place[:, None] + moves
         low = np.array([self._left, self._bottom])
         high = low + np.array([self.width, self.height])
         seen = ((there > low - reach) & (there < high + reach)).all(axis=2)
         who, move = np.nonzero(seen)
-        return who, move
+        inside = np.full(len(who), not s.periodic)
+        for end in (-across, across):
+            at = there[who, move] + end[who]
+            inside |= ((at >= 0) & (at < [s.width, s.height])).all(axis=1)
+        order = np.argsort(inside, kind="stable")
+        return who[order], moves[move[order]], ~inside[order]
 
-    def _lines(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
-        """Draw links and interfaces, or forces."""
+    def _draw_bodies(self, number: int, place: FloatArray, moves: FloatArray) -> None:
         from matplotlib.colors import to_rgba_array
 
-        for collection in (self._links, self._interfaces, self._forces):
-            collection.set_segments([])
-        if self._shell or self.contacts == "state":
+        s = self._particles[number]
+        shapes: list[FloatArray] | FloatArray
+        if self._shells:
+            shapes = self._shells.outlines(self.snapshots[number])
+            reach = max(float(np.abs(shape).max()) for shape in shapes)
+        else:
+            shapes = outlines(s, _CORNERS // 2 if self._small else _CORNERS)
+            reach = float(s.radius.max())
+        # Held particles that an edge cuts are the plate on both of its sides.
+        across = np.where(s.fixed, s.radius, 0.0)[:, None] * [0.0, 1.0]
+        who, move, outside = self._seen(s, place, moves, reach, across)
+        at = place[who] + move
+        self._bodies.set_verts([shapes[k] + centre for k, centre in zip(who, at, strict=True)])
+        faces = self.colours.faces(number)
+        if self.contacts == "force" and not self.colours.scaled:
+            faces[:, :3] = 1 - 0.8 * (1 - faces[:, :3])
+        self._bodies.set_facecolor(dimmed(faces[who], outside))  # type: ignore[arg-type]
+        edges = to_rgba_array([self._edge] * len(who))
+        self._bodies.set_edgecolor(dimmed(edges, outside))  # type: ignore[arg-type]
+
+    def _draw_state(self, number: int, place: FloatArray, moves: FloatArray) -> None:
+        """Draw links and interfaces, which show whether a contact holds or slides."""
+        from matplotlib.colors import to_rgba_array
+
+        s = self._particles[number]
+        if self._shells:
+            who, faces, kind = self._shells.interfaces(self.snapshots[number])
+        else:
             links = s.kind == LINK
-            self._segments(self._links, s, place, moves, links, to_rgba_array(_LINK))
-        if self.contacts == "none":
-            return
-        if self.contacts == "state":
-            colours = to_rgba_array([_INTERFACE, _HOLDS, _SLIDES, _INTERFACE])
+            ends = place[s.i[links]]
+            segments = np.stack([ends, ends + s.separation[links]], axis=1)
+            self._put(self._links, s, segments, to_rgba_array([_LINK] * len(ends)), moves)
             faces = interfaces(s)
             there = np.ptp(faces, axis=1).any(axis=1)
-            segments = place[s.i[there], None] + faces[there]
-            self._put(self._interfaces, s, segments, colours[s.kind[there]], moves)
-            return
-        if self._shell and self._many:
-            s = between_shells(s)
-            place = s.position
-        strong = np.abs(s.normal)
-        if self._shell:
-            strong = np.where(s.kind == LINK, 0.0, strong)
-        mean = float(strong[strong > 0].mean()) if (strong > 0).any() else 1.0
-        size = 2 * self.point * float(s.radius.mean()) if self._many else self.diameter
-        thick = np.minimum(0.1 * strong / mean, 0.4) * max(size, 3.0)
-        push = _PUSH_ON_SCALE if self._values else _PUSH
+            who, kind, faces = s.i[there], s.kind[there], faces[there]
+        colours = to_rgba_array(_KINDS)[kind]
+        self._put(self._interfaces, s, place[who, None] + faces, colours, moves)
+
+    def _draw_forces(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
+        """Draw lines from centre to centre, as wide as forces are strong."""
+        from matplotlib.colors import to_rgba_array
+
+        strong = _strength(s)
+        mean = max(_mean(strong), self._least)
+        share = strong / mean if mean > 0 else strong
+        thick = np.minimum(0.08 * share, 0.3) * min(max(self.diameter, 3.0), _LARGE)
+        push = _PUSH
+        if self.colours.scaled:
+            push, thick = _PUSH_ON_SCALE, _OVER_COLOURS * thick
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
-        to_j = from_i + s.separation
-        if self._shell and not self._many:  # thin: what presses on it reaches into it
-            away = s.separation / np.hypot(*s.separation.T)[:, None]
-            from_i = (
-                to_j - away * (_INTO_SHELL * s.width * strong / strong.max(initial=1e-300))[:, None]
-            )
-            thick[strong > 0] = _ON_SHELL
-        use = strong > mean if self._small else thick > 0.04
-        segments = np.stack([from_i, to_j], axis=1)
+        segments = np.stack([from_i, from_i + s.separation], axis=1)
+        use = thick > 0.04
+        if self.diameter < _TINY and use.any():
+            use &= strong > np.quantile(strong, 1 - _CHAINS)
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 
-    def _segments(
-        self, collection: "LineCollection", s: Snapshot, place: FloatArray, moves: FloatArray,
-        use: NDArray[np.bool_], colour: FloatArray,
-    ) -> None:  # fmt: skip
-        ends = place[s.i[use]]
-        segments = np.stack([ends, ends + s.separation[use]], axis=1)
-        self._put(collection, s, segments, np.repeat(colour, len(ends), axis=0), moves)
+    def _draw_pushes(self, number: int, place: FloatArray) -> None:
+        """Draw what walls do to a single shell: lines into it, as long as forces are strong."""
+        from matplotlib.colors import to_rgba_array
+
+        assert self._shells is not None  # noqa: S101 - it is alone
+        touches = self._shells.touches(self.snapshots[number])
+        to = place[touches.shell] + touches.at + touches.separation
+        away = touches.separation / np.hypot(*touches.separation.T)[:, None]
+        length = _INTO_SHELL * self.width * touches.normal / max(self._largest, 1e-300)
+        push = to_rgba_array(_PUSH_ON_SCALE if self.colours.scaled else _PUSH)
+        self._forces.set_segments(list(np.stack([to - length[:, None] * away, to], axis=1)))
+        self._forces.set(colors=push, linewidths=_ON_SHELL)
 
     def _put(
         self, collection: "LineCollection", s: Snapshot, segments: FloatArray, colour: FloatArray,
@@ -347,43 +306,58 @@ class Scene:
         """Give a collection segments (C, 2, 2) with all of their images."""
         if len(segments) == 0:
             return
-        middle = segments.mean(axis=1)
-        who, move = self._seen(middle, moves, 2 * float(s.radius.max()))
-        there = middle[who] + moves[move]
-        own = (there >= 0).all(axis=1) & (there < [s.width, s.height]).all(axis=1)
-        order = np.argsort(own, kind="stable")
-        who, move, own = who[order], move[order], own[order]
-        collection.set_segments(list(segments[who] + moves[move][:, None]))
-        collection.set_color(dimmed(colour[who], ~own & s.periodic))  # type: ignore[arg-type]
+        reach = 2 * float(s.radius.max())
+        middle, across = segments.mean(axis=1), 0.5 * (segments[:, 1] - segments[:, 0])
+        who, move, outside = self._seen(s, middle, moves, reach, across)
+        collection.set_segments(list(segments[who] + move[:, None]))
+        collection.set_color(dimmed(colour[who], outside))  # type: ignore[arg-type]
         if thick is not None:
             collection.set_linewidth(list(thick[who]))
 
-    def _edges(self, s: Snapshot, moves: FloatArray) -> None:
+    def _draw_edges(self, s: Snapshot, moves: FloatArray) -> None:
         """Draw the cell and its images, or walls."""
         if not s.periodic:
             self._own.set_segments([_wall(wall, s) for wall in s.walls])
             return
         corners = np.array([[0, 0], [s.width, 0], [s.width, s.height], [0, s.height], [0, 0]])
         self._own.set_segments([corners])
-        self._cell.set_segments([corners + move for move in moves[1:]])
+        # Each edge once: dashes on dashes would look like a full line.
+        left, right = self._left, self._left + self.width
+        across = [np.array([[left, y], [right, y]]) for y in (0.0, s.height)]
+        down = [np.stack([move, move + np.array([0, s.height])]) for move in moves]
+        self._cell.set_segments([*across, *down])
+
+
+def _strength(s: Snapshot) -> FloatArray:
+    """Return how strong the forces (C,) are."""
+    strong: FloatArray = np.hypot(s.normal, s.tangential)
+    return strong
+
+
+def _mean(strong: FloatArray) -> float:
+    """Return the mean of those that are not zero."""
+    return float(strong[strong > 0].mean()) if (strong > 0).any() else 0.0
 
 
 def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     """Return left, bottom, width and height of what a picture of these snapshots shows.
 
-    The cell with a rim of its images; without images what is between the walls.
+    The cell with a rim of its images; without images all particles, and what is between walls.
     """
     first = snapshots[0]
     wide, high = max(s.width for s in snapshots), max(s.height for s in snapshots)
     if first.periodic:
-        rim = 2 * _MARGIN * float(first.radius.max())
+        particles = Shells(first).as_discs(first) if is_shells(first) else first
+        rim = 2 * _MARGIN * float(particles.radius.max())
         return -rim, -rim, wide + 2 * rim, high + 2 * rim
     floors = [w[2] for s in snapshots for w in s.walls if w[1] > 0.5] or [0.0]
     lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    aside = rim if any(abs(wall[0]) > 0.5 for wall in first.walls) else 0.0
-    return -aside, bottom, wide + 2 * aside, top - bottom
+    # Without walls at its sides a tissue goes beyond them.
+    left = min(0.0, *(float((s.position[:, 0] - s.radius).min()) for s in snapshots))
+    right = max(wide, *(float((s.position[:, 0] + s.radius).max()) for s in snapshots))
+    return left - rim, bottom, right - left + 2 * rim, top - bottom
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
@@ -391,19 +365,6 @@ def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
     made = colours.copy()
     made[which, :3] = 1 - (1 - _DIMMED) * (1 - made[which, :3])
     return made
-
-
-def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
-    """Return the ends of the colour scale of all snapshots."""
-    if not values:
-        return 0.0, 1.0
-    everything = np.concatenate(values)
-    low, high = (float(p) for p in np.percentile(everything, [100 - _FULL, _FULL]))
-    if colour == "spin":
-        low, high = -max(-low, high), max(-low, high)
-    elif colour in {"speed", "displacement"}:
-        low = 0.0
-    return (low, high) if low < high else (low, low + 1.0)
 
 
 def _wall(wall: FloatArray, s: Snapshot) -> Any:

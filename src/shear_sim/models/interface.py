@@ -23,9 +23,9 @@ class Column(NamedTuple):
 
 
 #: What holds two particles apart or together: ``Snapshot.kind`` counts through them. Shells are
-#: made of links; a cohesive one is between two shells.
-CONTACT_KINDS = ("link", "contact", "sliding", "cohesive")
-LINK, CONTACT, SLIDING, COHESIVE = range(4)
+#: made of bars, from each vertex to the next; a cohesive link is between two shells.
+CONTACT_KINDS = ("link", "contact", "sliding", "cohesive", "bar")
+LINK, CONTACT, SLIDING, COHESIVE, BAR = range(5)
 
 
 class Snapshot(NamedTuple):
@@ -51,7 +51,7 @@ class Snapshot(NamedTuple):
     separation: NDArray[np.float64]  # (C, 2) from i to the image of j that it meets
     normal: NDArray[np.float64]
     tangential: NDArray[np.float64]
-    kind: NDArray[np.int8]  # of CONTACT_KINDS; only links may pull, cohesive ones too
+    kind: NDArray[np.int8]  # of CONTACT_KINDS; a contact pulls by its dashpot only
     walls: NDArray[np.float64]  # (W, 3) n_x, n_y, position: the half-plane n·x < position
     energy: NDArray[np.float64] | None = None  # (N,) stored in the particle that it is a vertex of
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.models.interface import COHESIVE, CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.models.interface import BAR, COHESIVE, CONTACT, SLIDING, Snapshot
 from shear_sim.models.soft_particle.contacts import corner, side
 from shear_sim.models.soft_particle.state import LAST
 from shear_sim.models.soft_particle.system import System
@@ -38,7 +38,7 @@ def take(
 ) -> Snapshot:
     """Return the snapshot of record ``row``.
 
-    Bars are links with their tension and the shear force of their moments. Forces are those of
+    Bars bear their tension and the shear force of their moments. Forces are those of
     springs, without dashpots. The contacts of a vertex with a chain are with the vertices that end
     the segments which it faces; friction goes with the segment that its spring is kept at. A
     cohesive link is with the nearer end of its segment.
@@ -84,7 +84,7 @@ def _bars(system: System) -> Iterator[_Contact]:
             dx, dy = float(motion.x[j] - motion.x[k]), float(motion.y[j] - motion.y[k])
             # A bar takes the difference of the moments at its ends as a couple.
             couple = float(chains.moment[k] - chains.moment[j]) / float(np.hypot(dx, dy))
-            yield _Contact(k, j, dx, dy, -float(chains.tension[k]), -couple, LINK)
+            yield _Contact(k, j, dx, dy, -float(chains.tension[k]), -couple, BAR)
 
 
 def _links(system: System) -> Iterator[_Contact]:

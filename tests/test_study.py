@@ -181,6 +181,18 @@ def test_defaults_are_hashed_as_if_written():
     assert written == ids("seed: 0")
 
 
+def test_threads_are_no_part_of_a_job():
+    """They change no number, so results made with any number of cores are the same results."""
+    assert ids("threads: 3") == ids("seed: 0")
+    assert {job.threads for job in study("threads: 3\nreplicates: 2").jobs()} == {3}
+    assert {job.threads for job in study("replicates: 2").jobs()} == {1}
+
+
+def test_threads_of_a_model_that_has_none_are_refused():
+    told = report("model: {kind: hard_disc}\nshear: {kind: steady}\nthreads: 2\n")
+    assert "study.yaml:3: threads = 2: model hard_disc uses one core a job" in told
+
+
 @given(st.data())
 def test_the_order_of_keys_cannot_matter(data):
     def shuffled(value: Any) -> Any:

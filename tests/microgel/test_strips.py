@@ -19,6 +19,7 @@ from scenes import (
     steady,
 )
 
+from shear_sim import runner
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel import strips
 from shear_sim.models.microgel.parameters import Integrator, Links, Record
@@ -29,7 +30,11 @@ from shear_sim.models.microgel.state import OPEN, places_of
 from shear_sim.models.microgel.strips import STRIP, edges_of, in_strips, joined, share, shared_by
 from shear_sim.packing import Cell, Equilibration
 from shear_sim.protocol import OscillatoryShear
+from shear_sim.runner import Stopped, run_job
+from shear_sim.single import differences
 from shear_sim.streams import Streams
+from shear_sim.study import Job
+from shear_sim.tables import read_table
 
 CRACKED = Links(cut="cells", normal_factor=0.9)  # so that a packing must come to rest anew
 BRIEF = OscillatoryShear(strain_amplitude=0.5, pre_periods=0.02, periods=0.5, post_periods=0.02)
@@ -186,6 +191,29 @@ def test_angular_momentum(monkeypatch):
     finish(simulation)
     assert np.abs(linear_momentum(simulation) / momentum - 1).max() < 1e-12
     assert abs(angular_momentum(simulation) / before - 1) < 1e-12
+
+
+@pytest.mark.usefixtures("small_strips")
+def test_a_stopped_job_goes_on_with_other_threads(tmp_path, monkeypatch):
+    """In the midst of its preparation too: the table and the summary are those of one core."""
+    monkeypatch.setattr(runner, "BLOCK_SECONDS", 0.0)
+    monkeypatch.setattr(runner, "FIRST_BLOCK", 40)
+
+    def job(threads):
+        return Job("0" * 16, SCENES["links"], seed=3, replicate=0, threads=threads)
+
+    def folder(name):
+        (made := tmp_path / name / "jobs").mkdir(parents=True)
+        return made
+
+    whole, jobs = read_table(run_job(job(1), folder("whole"))), folder("pieces")
+    for threads in (2, 3, 1, 5):
+        with pytest.raises(Stopped):
+            run_job(job(threads), jobs, stop=lambda: True)
+    pieces = read_table(run_job(job(2), jobs))
+    assert pieces.summary["run"]["resumed"] == 4
+    assert pieces.summary["run"]["threads"] == 2
+    assert differences(whole, pieces) == []
 
 
 @pytest.mark.usefixtures("small_strips")

@@ -5,12 +5,14 @@
 Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), lists (what a new list of
 contacts costs), growth (1,000 to 100,000 discs), job (a default job, split), sweep (what a sweep
 costs beside its simulations), plan (the study at the published scale: planned after a sample of its
-jobs has run), start (`--help`, import, first compilation).
+jobs has run), start (`--help`, import, first compilation), threads (two cores for one simulation:
+for an idle machine).
 
-Times are CPU time of one process. Both programs take the same steps from the same start, turn by
-turn, and record their stress at every step; a figure is the median over rounds, a ratio the median
-of the rounds' ratios. LAMMPS is timed as the difference to a run without steps. In --out (default:
-results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and speed.md, the table.
+Times are CPU time of one process, but for threads, where they are wall times. Both programs take
+the same steps from the same start, turn by turn, and record their stress at every step; a figure is
+the median over rounds, a ratio the median of the rounds' ratios. LAMMPS is timed as the difference
+to a run without steps. In --out (default: results/benchmarks) are growth.csv, of which
+fig_growth.py makes a figure, and speed.md, the table.
 """
 
 import argparse
@@ -194,6 +196,31 @@ def one_size(discs: int, fraction: float, rounds: int, out: Path) -> None:
     took.assign(ours_memory=peak_memory()).to_csv(out / "one_size.csv", index=False)
 
 
+def threads(rounds: int, _: Path) -> Iterator[Row]:
+    """Wall time of the same steps with one thread and with two, turn by turn."""
+    for fraction in FRACTIONS:
+        for discs in (size for size in (4096, 16384) if size in SIZES):
+            steps = SIZES[discs]
+            took = []
+            for _round in range(rounds + 1):
+                row = {}
+                for number in (1, 2):
+                    simulation = scenes.common(discs, fraction)
+                    simulation.threads = number
+                    simulation.advance(2)
+                    began = time.perf_counter()
+                    simulation.advance(steps)
+                    row[number] = (time.perf_counter() - began) / steps
+                took.append(row)
+            table = pd.DataFrame(took[1:])  # without the one that compiled
+            gain = table[1] / table[2]
+            median = table.median()
+            what = f"step, N = {discs:,}, φ = {fraction:g}, wall time, two threads"
+            spread = f"{gain.min():.2f} to {gain.max():.2f} in {rounds} rounds"
+            remark = f"{gain.median():.2f} times one thread's {us(median[1])} ({spread})"
+            yield what, us(median[2]), remark
+
+
 def job(rounds: int, _: Path) -> Iterator[Row]:
     """One default job: preparation, shear, writing; many replicates, as packings differ."""
     point = MicrogelPoint()
@@ -339,7 +366,7 @@ def peak_memory() -> float:
 
 PARTS = {
     "step": step, "lists": lists, "growth": growth, "job": job, "sweep": sweep, "plan": plan,
-    "start": start,
+    "start": start, "threads": threads,
 }  # fmt: skip
 
 

@@ -75,6 +75,24 @@ def test_discs_on_the_edge_of_the_cell(edge):
     assert ours(*arguments) == brute_force(*arguments)
 
 
+@settings(max_examples=200, deadline=None)
+@given(data=st.data(), seed=st.integers(0, 2**32 - 1), n=st.integers(1, 200))
+def test_pairs_of_some_discs(data, seed, n):
+    """Those among all pairs of which one disc at least is asked for, in the same order."""
+    rng = np.random.default_rng(seed)
+    radius = rng.uniform(0.02, 0.08, n)
+    order = np.argsort(rng.random(n))
+    arguments = (*rng.random((2, n)), radius[order], 0.02, 1.0, 1.0, rng.uniform(-0.5, 0.5))
+    begin = data.draw(st.integers(0, n))
+    end = data.draw(st.integers(begin, n))
+    _, *everything = find_pairs(*arguments)
+    asked = ((np.array(everything[:2]) >= begin) & (np.array(everything[:2]) < end)).any(axis=0)
+    start, *some = find_pairs(*arguments, begin, end)
+    for whole, chosen in zip(everything, some, strict=True):
+        assert np.array_equal(whole[asked], chosen)
+    assert np.array_equal(start, np.searchsorted(some[0], np.arange(n + 1)))
+
+
 def test_dense_cells_grow_the_list():
     """More pairs than the list was made for: all discs in reach of each other."""
     rng = np.random.default_rng(0)

@@ -51,6 +51,7 @@ def test_a_result_holds_what_describes_it(tmp_path):
     run = summary["run"]
     assert run["wall_s"] > 0
     assert run["cpu_s"] > 0
+    assert run["threads"] == 1
     assert 1 < run["peak_memory_mb"] < 10_000
     assert {"version", "git_commit", "python", "numpy", "numba", "host", "processor"} < run.keys()
 

@@ -142,14 +142,14 @@ def test_two_ids_are_pinned():
     numbers of a job, or what is known of them, changed too.
     """
     default = Job.create(MicrogelPoint(), seed=20240611, replicate=0)
-    assert default.id == "6fa6f41afe351154"
+    assert default.id == "560445f73c5db168"
     (job,) = study("""
 packing: {discs: 60}
 scenes: {loose: {model.links.cut: none}}
 sweep: {grid: {shear.strain_amplitude: [0.1]}, set: {model.friction: 1}}
 seed: 1
 """).jobs()
-    assert job.id == "1c189b04881768b5"
+    assert job.id == "3057a044c434b94a"
 
 
 def test_the_id_is_the_hash_of_canonical_json():
@@ -179,6 +179,18 @@ def test_equal_numbers_are_equal_jobs():
 def test_defaults_are_hashed_as_if_written():
     written = ids("model: {friction: 0.01}\ncell: {boundary: lees_edwards}\nreplicates: 1")
     assert written == ids("seed: 0")
+
+
+def test_threads_are_no_part_of_a_job():
+    """They change no number, so results made with any number of cores are the same results."""
+    assert ids("threads: 3") == ids("seed: 0")
+    assert {job.threads for job in study("threads: 3\nreplicates: 2").jobs()} == {3}
+    assert {job.threads for job in study("replicates: 2").jobs()} == {1}
+
+
+def test_threads_of_a_model_that_has_none_are_refused():
+    told = report("model: {kind: hard_disc}\nshear: {kind: steady}\nthreads: 2\n")
+    assert "study.yaml:3: threads = 2: model hard_disc uses one core a job" in told
 
 
 @given(st.data())

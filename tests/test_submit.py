@@ -178,6 +178,17 @@ def test_every_script_leaves_the_warning_to_the_program(plan, fake):
     assert "#SBATCH --time=30\n" in (fake.folder / "script-4").read_text()
 
 
+def test_a_task_has_the_cores_of_its_job(plan, fake):
+    """As many as the study gives one job; the report needs one."""
+    submit(replace(plan, study=replace(plan.study, threads=3)), Limits(minutes=600), print)
+    scripts = [path.read_text() for path in fake.folder.glob("script-*")]
+    cores = {
+        "--array=" in script: re.findall(r"#SBATCH --cpus-per-task=(\d+)\n", script)
+        for script in scripts
+    }
+    assert cores == {True: ["3"], False: ["1"]}
+
+
 def test_no_warning_comes_before_the_program_is_ready_for_it(plan, fake):
     """Slurm may send it a minute early; the program takes less than a second to be ready."""
     submit(plan, Limits(minutes=5), print)

@@ -411,6 +411,16 @@ def test_workers_come_from_slurm_or_from_the_affinity(monkeypatch):
     assert default_workers() == 4
 
 
+@pytest.mark.parametrize(("cores", "workers"), [(1, 1), (2, 1), (5, 2), (9, 4)])
+def test_workers_leave_each_job_its_threads(cores, workers, monkeypatch, tmp_path):
+    study = write_study(tmp_path)
+    study.write_text(study.read_text() + "threads: 2\n")
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", str(cores))
+    results = Results(tmp_path / "results")
+    assert make_plan(load_study(study), results).workers == workers
+    assert make_plan(load_study(study), results, jobs=3).workers == 3
+
+
 @pytest.mark.parametrize("jobs", [0, -3])
 def test_no_worker_at_all_is_refused(jobs, tmp_path):
     with pytest.raises(PlanError, match=f"jobs={jobs}: must be a whole number above 0"):

@@ -5,12 +5,14 @@
 Parts, all by default: step (150 discs, packing fractions 1.5 and 0.9), lists (what a new list of
 contacts costs), growth (1,000 to 100,000 discs), job (a default job, split), sweep (what a sweep
 costs beside its simulations), plan (the study at the published scale: planned after a sample of its
-jobs has run), start (`--help`, import, first compilation).
+jobs has run), start (`--help`, import, first compilation), threads (two cores for one simulation:
+for an idle machine).
 
-Times are CPU time of one process. Both programs take the same steps from the same start, turn by
-turn, and record their stress at every step; a figure is the median over rounds, a ratio the median
-of the rounds' ratios. LAMMPS is timed as the difference to a run without steps. In --out (default:
-results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and speed.md, the table.
+Times are CPU time of one process, but for threads, where they are wall times. Both programs take
+the same steps from the same start, turn by turn, and record their stress at every step; a figure is
+the median over rounds, a ratio the median of the rounds' ratios. LAMMPS is timed as the difference
+to a run without steps. In --out (default: results/benchmarks) are growth.csv, of which
+fig_growth.py makes a figure, and speed.md, the table.
 """
 
 import argparse
@@ -36,6 +38,7 @@ from shear_sim.models.microgel.motion import renew_contacts
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.preparation import prepare
 from shear_sim.models.microgel.simulation import MicrogelSimulation
+from shear_sim.models.microgel.state import COUNT
 from shear_sim.neighbours import find_pairs
 from shear_sim.runner import run_job
 from shear_sim.streams import Streams
@@ -75,7 +78,7 @@ def ours(discs: int, fraction: float, steps: int) -> dict[str, float]:
     simulation.advance(2)
     spent = timed(lambda: simulation.advance(steps))
     assert simulation.substeps == steps + 1, "a step was halved: not the same work"
-    return {"ours": spent / steps, "pairs": simulation.work.near[0] / discs}
+    return {"ours": spent / steps, "pairs": simulation.contacts.strips[:, COUNT].sum() / discs}
 
 
 def paired(discs: int, fraction: float, steps: int, rounds: int) -> pd.DataFrame:
@@ -191,6 +194,31 @@ def one_size(discs: int, fraction: float, rounds: int, out: Path) -> None:
     took.insert(0, "packing_fraction", fraction)
     took.insert(0, "discs", discs)
     took.assign(ours_memory=peak_memory()).to_csv(out / "one_size.csv", index=False)
+
+
+def threads(rounds: int, _: Path) -> Iterator[Row]:
+    """Wall time of the same steps with one thread and with two, turn by turn."""
+    for fraction in FRACTIONS:
+        for discs in (size for size in (4096, 16384) if size in SIZES):
+            steps = SIZES[discs]
+            took = []
+            for _round in range(rounds + 1):
+                row = {}
+                for number in (1, 2):
+                    simulation = scenes.common(discs, fraction)
+                    simulation.threads = number
+                    simulation.advance(2)
+                    began = time.perf_counter()
+                    simulation.advance(steps)
+                    row[number] = (time.perf_counter() - began) / steps
+                took.append(row)
+            table = pd.DataFrame(took[1:])  # without the one that compiled
+            gain = table[1] / table[2]
+            median = table.median()
+            what = f"step, N = {discs:,}, φ = {fraction:g}, wall time, two threads"
+            spread = f"{gain.min():.2f} to {gain.max():.2f} in {rounds} rounds"
+            remark = f"{gain.median():.2f} times one thread's {us(median[1])} ({spread})"
+            yield what, us(median[2]), remark
 
 
 def job(rounds: int, _: Path) -> Iterator[Row]:
@@ -338,7 +366,7 @@ def peak_memory() -> float:
 
 PARTS = {
     "step": step, "lists": lists, "growth": growth, "job": job, "sweep": sweep, "plan": plan,
-    "start": start,
+    "start": start, "threads": threads,
 }  # fmt: skip
 
 

@@ -20,6 +20,15 @@ def turns_of(strain: float, width: float, height: float) -> int:
 
 
 @jit
+def image_of(
+    x: float, y: float, width: float, height: float, offset: float
+) -> tuple[np.int32, np.int32]:
+    """Return in which image (n_x, n_y) of the cell a place is, see `wrap_count`."""
+    ny = np.floor(y / height)
+    return np.int32(np.floor((x - ny * offset) / width)), np.int32(ny)
+
+
+@jit
 def wrap_count(
     x: Floats, y: Floats, width: float, height: float, offset: float, wx: Ints, wy: Ints
 ) -> bool:
@@ -30,9 +39,8 @@ def wrap_count(
     """
     changed = 0
     for i in range(x.shape[0]):
-        ny = np.floor(y[i] / height)
-        nx = np.floor((x[i] - ny * offset) / width)
-        changed |= (wx[i] ^ np.int32(nx)) | (wy[i] ^ np.int32(ny))
-        wx[i] = np.int32(nx)
-        wy[i] = np.int32(ny)
+        nx, ny = image_of(x[i], y[i], width, height, offset)
+        changed |= (wx[i] ^ nx) | (wy[i] ^ ny)
+        wx[i] = nx
+        wy[i] = ny
     return changed != 0

@@ -40,7 +40,10 @@ Root = Annotated[
 Jobs = Annotated[
     int | None,
     typer.Option(
-        "--jobs", "-j", min=1, help="Worker processes. Default: what Slurm gave, else all cores."
+        "--jobs",
+        "-j",
+        min=1,
+        help="Worker processes. Default: what Slurm gave, else all cores, by those of one job.",
     ),
 ]
 Shard = Annotated[

@@ -158,6 +158,10 @@ class Design(Section):
     ] = (Block.model_validate({}),)
     replicates: Annotated[int, Field(ge=1, le=10_000, description="jobs of each point")] = 1
     seed: Annotated[int, Field(ge=0, lt=2**63, description="of all random numbers")] = 0
+    threads: Annotated[
+        int,
+        Field(ge=1, le=64, description="cores of one job, at most one for each 1,024 discs"),
+    ] = 1
 
 
 KEYS = tuple(Design.model_fields)

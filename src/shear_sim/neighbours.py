@@ -8,8 +8,9 @@ from shear_sim.compiled import jit
 
 @jit
 def find_pairs(
-    x: Floats, y: Floats, radius: Floats, skin: float, width: float, height: float, offset: float
-) -> tuple[Ints, Ints, Ints, Ints, Ints]:
+    x: Floats, y: Floats, radius: Floats, skin: float, width: float, height: float, offset: float,
+    begin: int | np.int64 = 0, end: int | np.int64 = -1,
+) -> tuple[Ints, Ints, Ints, Ints, Ints]:  # fmt: skip
     """Return all pairs of discs closer than the sum of their radii plus ``skin``.
 
     Parameters
@@ -22,6 +23,9 @@ def find_pairs(
         Added to every contact distance [m].
     width, height, offset : float
         Cell edges and displacement of the upper image in x [m].
+    begin, end : int
+        Only pairs of which one disc at least is among those from ``begin`` to before ``end``, in
+        the order that they have among all pairs; all pairs if ``end`` is negative.
 
     Returns
     -------
@@ -60,17 +64,26 @@ def find_pairs(
         to = fill[cell[a]]
         fill[cell[a]] += 1
         member[to], sx[to], sy[to], sr[to] = a, x[a], y[a], radius[a]
+    end = n if end < 0 else end
+    some = begin > 0 or end < n
+    wanted = np.zeros(rows, np.bool_)  # rows that hold discs of which all pairs are asked for
+    if some:
+        for a in range(begin, end):
+            wanted[row_of[a]] = True
 
     capacity = 8 * n + 64
     found = np.empty((4, capacity), np.int32)
     count = 0
     for a in range(n):
+        before, other = count, some and not begin <= a < end
         for up in range(higher + 1):
             # Whole numbers are divided by subtraction: the quotient is 0 or 1 but in tiny cells.
             row, ny = row_of[a] + up, 0
             while row >= rows:
                 row -= rows
                 ny += 1
+            if other and not wanted[row]:
+                continue
             shift = ny * offset
             x0, y0 = x[a] - shift, y[a] - ny * height
             # In its own row a disc looks to the right, and every pair is seen once.
@@ -86,10 +99,10 @@ def find_pairs(
                 right -= columns
                 nx += 1
             while right >= 0:
-                begin = first[row * columns + max(left, 0)]
-                end = first[row * columns + min(right, columns - 1) + 1]
+                low = first[row * columns + max(left, 0)]
+                high = first[row * columns + min(right, columns - 1) + 1]
                 xn = x0 - nx * width
-                if count + end - begin > capacity:
+                if count + high - low > capacity:
                     capacity *= 2
                     larger = np.empty((4, capacity), np.int32)
                     for q in range(4):  # a slice takes seconds to compile
@@ -98,7 +111,7 @@ def find_pairs(
                     found = larger
                 # Half of the candidates are near, in no order: to write all of them and to go on
                 # only where one is near costs less than to guess wrongly.
-                for m in range(begin, end):
+                for m in range(low, high):
                     dx, dy = sx[m] - xn, sy[m] - y0
                     near = radius[a] + sr[m] + skin
                     b = member[m]
@@ -109,6 +122,14 @@ def find_pairs(
                 left -= columns
                 right -= columns
                 nx += 1
+        if other:
+            to = before
+            for q in range(before, count):
+                if begin <= found[1, q] < end:
+                    for p in range(4):
+                        found[p, to] = found[p, q]
+                    to += 1
+            count = to
 
     per_disc = np.zeros(n + 1, np.int32)
     for q in range(count):

@@ -118,6 +118,7 @@ class Plan:
         part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
         failed = len(self.again) + len(self.waiting)
         counts = f"{facts['new']} new, {self.done} done, {failed} failed"
+        cores = f"{self.study.threads} cores and " if self.study.threads > 1 else ""
         lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
         lines += failure_lines(self.again, "runs again")
         lines += failure_lines(self.waiting, "by physics, left alone")
@@ -131,7 +132,7 @@ class Plan:
             lines.append(
                 f"  to run: about {duration(estimate['cpu_s'])} of CPU, "
                 f"{duration(estimate['wall_s'])} on {self.workers} worker(s) of "
-                f"{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
+                f"{cores}{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
                 f"{estimate['measured_jobs']} measured jobs"
             )
         elif self.run:
@@ -188,7 +189,8 @@ def make_plan(
     retry_failed : bool
         Also run jobs that failed by physics.
     jobs : int, optional
-        Number of workers, at least 1; see `default_workers`.
+        Number of workers, at least 1; default: as many as have `default_workers` cores, each with
+        the cores that the study gives to one job.
     measure : bool
         Also read what finished jobs have cost. Tasks of an array leave that alone: it would have
         all of them read all results, and write the same index.
@@ -230,7 +232,7 @@ def make_plan(
         again={job.id: failures[job.id] for job in chosen if job.id in failures},
         waiting=waiting,
         orphans=len(finished.difference(points)),
-        workers=min(jobs or default_workers(), len(chosen)),
+        workers=min(jobs or max(1, default_workers() // study.threads), len(chosen)),
         points=points,
         cpu_s=cpu_s,
         wall_s=wall_s,

@@ -26,6 +26,8 @@ DESIGN = """\
 scenes: {}                          # {name: {key: value}}: sets of changes, side by side
 replicates: 1                       # jobs of each point, at least 1
 seed: 0                             # of all random numbers, at least 0
+threads: 1                          # cores of one job (microgel, one for each 1,024 discs at most):
+                                    # changes neither its id nor its bits
 # sweep:                            # a block or a list of blocks, added up; each may have
 #   name: amplitude
 #   scenes: [crosslinked]           # default: all

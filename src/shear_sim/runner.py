@@ -76,6 +76,7 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
     old = checkpoint.exists()
     progress = read_checkpoint(checkpoint) or Progress(model.start(job.point, job.streams))
     simulation, kept = progress.simulation, time.monotonic()
+    simulation.threads = job.threads
     try:
         for _ in _blocks(simulation):
             stopping = stop()
@@ -99,7 +100,9 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
     everything = {**columns, **model.derive(columns)}
     measured = summarise(everything, summary["protocol"])
     summary |= measured | {"flags": {**summary["flags"], **measured["flags"]}}
-    summary["run"] = {**clock.read(progress), **environment(), "files": what["files"]}
+    summary["run"] = {
+        **clock.read(progress), **environment(), "threads": job.threads, "files": what["files"]
+    }  # fmt: skip
     if simulation.snapshots:
         # First: a job whose table is there is done.
         write_snapshots(folder.with_name("snapshots"), job.id, simulation.snapshots, everything)

@@ -60,6 +60,8 @@ class Job:
         Seed of the study and number of the replicate, from 0.
     labels : tuple of (block, scene)
         Where the study asks for it; not part of the id.
+    threads : int
+        Cores that it may use; not part of the id, and never changes a bit of the result.
     """
 
     id: str
@@ -67,6 +69,7 @@ class Job:
     seed: int
     replicate: int
     labels: Labels = ()
+    threads: int = 1
 
     @classmethod
     def create(cls, point: Point, seed: int, replicate: int, labels: Labels = ()) -> "Job":
@@ -171,6 +174,8 @@ class Study:
         Dotted keys of the parameters that differ between points.
     files : tuple of Path
         Files that the study reads, relative to its folder.
+    threads : int
+        Cores of each job.
     """
 
     name: str
@@ -181,6 +186,7 @@ class Study:
     points: tuple[StudyPoint, ...] = field(repr=False)
     varied: tuple[str, ...]
     files: tuple[Path, ...] = ()
+    threads: int = 1
 
     @property
     def kernels(self) -> str:
@@ -203,6 +209,7 @@ class Study:
                     self.seed,
                     replicate,
                     point.labels,
+                    self.threads,
                 )
                 for replicate in range(self.replicates)
             )
@@ -240,6 +247,7 @@ def read_study(content: bytes, path: Path) -> Study:
     reader = _Reader(document)
     draft = reader.draft()
     design, points = draft.design, reader.points(draft)
+    reader.check_threads(design.threads, {point.point.kind for point in points})
     if reader.problems:
         raise StudyError(path, list(reader.problems.values()))
     return Study(
@@ -251,6 +259,7 @@ def read_study(content: bytes, path: Path) -> Study:
         points=tuple(sorted(points, key=lambda point: point.id)),
         varied=tuple(_varied(list(reader.values.values()))),
         files=tuple(sorted(reader.files)),
+        threads=design.threads,
     )
 
 
@@ -384,6 +393,13 @@ class _Reader:
         if self.problems:
             self._point((), complete=False)
         return list(found.values())
+
+    def check_threads(self, threads: int, kinds: set[str]) -> None:
+        """Report a study that asks for several cores of a job of a model that uses one."""
+        alone = sorted(kind for kind in kinds if not models.model(kind).THREADS)
+        if threads > 1 and alone:
+            message = f"model {alone[0]} uses one core a job: leave threads out, and give --jobs"
+            self._report(Complaint((("threads",),), message), self.document.data)
 
     def _point(self, changes: Changes, *, complete: bool = True) -> Point | None:
         """Return the point that ``changes`` make of the base, or report and return None.

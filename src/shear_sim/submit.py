@@ -126,6 +126,7 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
     """Return the batch script of one array: resources, and one line as in slurm/sweep.sbatch."""
     resources = {
         "array": index_list(range(len(part))),
+        "cpus-per-task": plan.study.threads,
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
         "signal": f"B:USR1@{WARNING_SECONDS}",

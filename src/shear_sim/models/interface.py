@@ -62,6 +62,8 @@ class Simulation(Protocol):
     It may be pickled between two blocks: a copy goes on to the same bits.
     """
 
+    threads: int  # cores that it may use, 1 at first; the bits are the same with any
+
     @property
     def snapshots(self) -> Sequence[Snapshot]:
         """What ``record.snapshots`` of the point asked for, so far; never changes the motion."""
@@ -185,6 +187,7 @@ class Model(Protocol):
 
     POINT: type[Point]
     PHYSICS_VERSION: int  # raised with any change of numbers: part of every job id
+    THREADS: bool  # whether one job can use several cores
     COLUMNS: Sequence[Column]  # stored
     DERIVED: Sequence[Column]  # computed on reading
     #: What the summary of a run holds beside the rheology: for the tables, each with its dotted key

@@ -67,6 +67,7 @@ from shear_sim.streams import Streams
 
 POINT = HardDiscPoint
 PHYSICS_VERSION = 3  # raised with any change of numbers; part of every job id
+THREADS = False
 
 __all__ = [
     "COLUMNS",
@@ -74,6 +75,7 @@ __all__ = [
     "MEASURED",
     "PHYSICS_VERSION",
     "POINT",
+    "THREADS",
     "compile_for",
     "derive",
     "start",

@@ -41,6 +41,8 @@ FloatArray = NDArray[np.float64]
 class HardDiscSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
+    threads = 1
+
     def __init__(self, point: HardDiscPoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear

@@ -15,7 +15,8 @@ from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
 from shear_sim.streams import Streams
 
 POINT = MicrogelPoint
-PHYSICS_VERSION = 4  # raised with any change of numbers; part of every job id
+PHYSICS_VERSION = 5  # raised with any change of numbers; part of every job id
+THREADS = True
 MEASURED = ()
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "MEASURED",
     "PHYSICS_VERSION",
     "POINT",
+    "THREADS",
     "compile_for",
     "contact_laws",
     "derive",

@@ -25,9 +25,12 @@ from shear_sim.cell import Floats
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.laws import Law, LawParameters, divergent
 from shear_sim.models.microgel.motion import (
+    CLOSEST_OF,
+    CLOSING_OF,
+    FASTEST,
+    LONGEST_OF,
     accelerate,
     add_scaled,
-    bits,
     carry_plates,
     drift,
     edge_kick,
@@ -35,7 +38,6 @@ from shear_sim.models.microgel.motion import (
     finish_row,
     kick,
     moved,
-    number,
     peak_rate,
     places,
     renew_contacts,
@@ -45,9 +47,11 @@ from shear_sim.models.microgel.motion import (
 )
 from shear_sim.models.microgel.state import (
     BLOCK_ROWS,
+    COUNT,
     DISTANCE,
     EX,
     EY,
+    FIRST,
     LANES,
     MOST_PIECES,
     NOT_FINITE,
@@ -63,6 +67,7 @@ from shear_sim.models.microgel.state import (
     STATE,
     STICK,
     SUM,
+    SUMS,
     TOO_STIFF,
     Clock,
     Constants,
@@ -73,6 +78,7 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.prefetch import prefetch
+from shear_sim.threads import Meeting, add_up, bits, largest_of, meet, number
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
 # no tangential forces: a scene without friction pays for no rotation.
@@ -289,15 +295,13 @@ def scatter(
 
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
-def stress_of(
-    block: Floats, table: Floats, m: int, elsewhere: float, tensors: Floats, row: Floats
-) -> None:
+def stress_of(block: Floats, table: Floats, m: int, elsewhere: float, sums: Floats) -> None:
     """Add a block to the sums of a record.
 
-    ``tensors``: −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
+    ``sums``: −Σ F_a l_b (xx, xy, yx, yy) and Σ ½ (T_i + T_j) of all pairs, the same of those
     inside the cell, and the forces of the others as outside forces on the discs of the cell, at
     their places (Table S2-3). Such are pairs across an edge, and those of a glued disc: their
-    places are not as far apart as their discs, by more than ``elsewhere``. ``row``: the numbers of
+    places are not as far apart as their discs, by more than ``elsewhere``. Then the numbers of
     touching and of sliding pairs.
     """
     xx = xy = yx = yy = twist = touching = sliding = 0.0
@@ -328,22 +332,22 @@ def stress_of(
             ot += both if outside else 0.0
             sliding += 1.0 if table[STATE + s] == SLIDE else 0.0
         touching += 1.0 if dx * dx + dy * dy < D * D else 0.0
-    tensors[0] += xx
-    tensors[1] += xy
-    tensors[2] += yx
-    tensors[3] += yy
-    tensors[4] += twist
-    tensors[5] += xx - oxx
-    tensors[6] += xy - oxy
-    tensors[7] += yx - oyx
-    tensors[8] += yy - oyy
-    tensors[9] += twist - ot
-    tensors[10] += exx
-    tensors[11] += exy
-    tensors[12] += eyx
-    tensors[13] += eyy
-    row[0] += touching
-    row[1] += sliding
+    sums[0] += xx
+    sums[1] += xy
+    sums[2] += yx
+    sums[3] += yy
+    sums[4] += twist
+    sums[5] += xx - oxx
+    sums[6] += xy - oxy
+    sums[7] += yx - oyx
+    sums[8] += yy - oyy
+    sums[9] += twist - ot
+    sums[10] += exx
+    sums[11] += exy
+    sums[12] += eyx
+    sums[13] += eyy
+    sums[14] += touching
+    sums[15] += sliding
 
 
 @jit(_nrt=False)
@@ -400,19 +404,22 @@ def contact_forces(
     c = constants
     offset = strain * c.height - work.turns[0] * c.width
     fx, fy, torque, block = work.fx, work.fy, work.torque, work.block
-    fx[:] = 0.0
-    fy[:] = 0.0
-    torque[:] = 0.0
+    for a in range(work.begin, work.end):
+        fx[a] = 0.0
+        fy[a] = 0.0
+        torque[a] = 0.0
     block[CLOSEST:CLOSING] = 1.0
     block[CLOSING : CLOSING + LANES] = 0.0
     if TANGENTIAL:
-        for a in range(fx.shape[0]):
+        for a in range(work.begin, work.end):
             work.rim[a] = discs.radius[a] * work.pspin[a]
             work.rolled[a] = discs.radius[a] * work.turn[a]
     if record:
         places(discs, work, c, offset)
-        work.tensors[:] = 0.0
-        work.row[:] = 0.0
+        for s in range(work.lower, work.upper):
+            for q in range(SUMS):
+                work.pair_sums[s, q] = 0.0
+    meet(work.meeting, work.threads)
     if TALLY:
         work.power[1] = work.power[2] = work.stored[0] = 0.0
     free = np.inf
@@ -422,41 +429,86 @@ def contact_forces(
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
     elsewhere = 0.1 * min(c.width, c.height)
-    for pairs, springs, count in (
-        (links, link, np.int32(links.i.shape[0])),
-        (contacts, contact, work.near[0]),
-    ):
-        for first in range(0, count, LANES):
-            m = int(min(LANES, count - first))
-            row = first // LANES
-            table = pairs.table[row]
-            fetch(pairs.table, row + 1, 0)
-            gather(
-                discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
-                pairs.i, pairs.j, first, m, block,
-            )  # fmt: skip
-            fetch(pairs.table, row + 1, 1)
-            pair_forces(block, table, m, springs, c, offset, rate, h)
-            fetch(pairs.table, row + 1, 2)
-            scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
-            fetch(pairs.table, row + 1, 3)
-            if record:
-                gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
-                stress_of(block, table, m, elsewhere, work.tensors, work.row)
-            if TALLY:
-                tally_pairs(work, table, m, springs, c)
+    for pairs, springs in ((links, link), (contacts, contact)):
+        for strip in range(pairs.strips.shape[0]):
+            begin = pairs.strips[strip, FIRST]
+            end = begin + pairs.strips[strip, COUNT]
+            for first in range(begin, end, LANES):
+                m = int(min(LANES, end - first))
+                row = first // LANES
+                table = pairs.table[row]
+                fetch(pairs.table, row + 1, 0)
+                gather(
+                    discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
+                    pairs.i, pairs.j, first, m, block,
+                )  # fmt: skip
+                fetch(pairs.table, row + 1, 1)
+                pair_forces(block, table, m, springs, c, offset, rate, h)
+                fetch(pairs.table, row + 1, 2)
+                # What falls on discs of another thread is never read.
+                scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
+                fetch(pairs.table, row + 1, 3)
+                if record and work.lower <= strip < work.upper:
+                    gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
+                    stress_of(block, table, m, elsewhere, work.pair_sums[strip])
+                if TALLY:
+                    tally_pairs(work, table, m, springs, c)
     if TANGENTIAL:
-        for a in range(fx.shape[0]):
+        for a in range(work.begin, work.end):
             torque[a] *= discs.radius[a]
     work.closest[0], work.closest[1], work.closest[2] = 1.0, 1.0, 0.0
     for s in range(LANES):
         work.closest[0] = min(work.closest[0], block[CLOSEST + s])
         work.closest[1] = max(work.closest[1], block[LONGEST + s])
         work.closest[2] = max(work.closest[2], block[CLOSING + s])
+    all_extremes(work.closest, work.extremes, work.thread, work.threads, work.meeting)
     work.closest[3] = min(work.closest[3], work.closest[0])
+    if record:
+        add_up(work.pair_sums, work.tensors)
 
 
-@jit
+@jit(_nrt=False)
+def all_extremes(
+    closest: Floats, extremes: Floats, thread: int, threads: int, meeting: Meeting
+) -> None:
+    """Let every thread know the extremes of all; what they have added up may then be read.
+
+    All take them in one order: also what is not a number is the same to all.
+    """
+    if threads == 1:
+        return
+    extremes[thread, CLOSEST_OF] = closest[0]
+    extremes[thread, LONGEST_OF] = closest[1]
+    extremes[thread, CLOSING_OF] = closest[2]
+    meet(meeting, threads)
+    closest[0], closest[1] = extremes[0, CLOSEST_OF], extremes[0, LONGEST_OF]
+    closest[2] = extremes[0, CLOSING_OF]
+    for other in range(1, threads):
+        closest[0] = min(closest[0], extremes[other, CLOSEST_OF])
+        closest[1] = max(closest[1], extremes[other, LONGEST_OF])
+        closest[2] = max(closest[2], extremes[other, CLOSING_OF])
+
+
+@jit(_nrt=False)
+def fire_sums(discs: Discs, work: Work) -> None:
+    """Leave largest F², Σ F·c, Σ F² and Σ c² of all discs in ``work.totals``."""
+    for s in range(work.lower, work.upper):
+        largest2 = power = force2 = speed2 = 0.0
+        for a in range(np.uint64(work.edges[s]), np.uint64(work.edges[s + 1])):
+            f2 = work.fx[a] * work.fx[a] + work.fy[a] * work.fy[a]
+            largest2 = max(largest2, f2)
+            force2 += f2
+            speed2 += discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a]
+            power += work.fx[a] * discs.cx[a] + work.fy[a] * discs.cy[a]
+        sums = work.disc_sums[s]
+        sums[0], sums[1], sums[2], sums[3] = largest2, power, force2, speed2
+    meet(work.meeting, work.threads)
+    add_up(work.disc_sums, work.totals)
+    for s in range(work.disc_sums.shape[0]):
+        work.totals[0] = max(work.totals[0] if s else 0.0, work.disc_sums[s, 0])
+
+
+@jit(nogil=True)
 def relax(
     discs: Discs,
     work: Work,
@@ -487,12 +539,9 @@ def relax(
     contacts, steps, force
         The list of contacts, the steps made so far and the largest net force reached [N/m].
     """
-    n = discs.x.shape[0]
     if first == 0:
-        discs.cx[:] = 0.0
-        discs.cy[:] = 0.0
-        work.px[:] = 0.0
-        work.py[:] = 0.0
+        for a in range(work.begin, work.end):
+            discs.cx[a] = discs.cy[a] = work.px[a] = work.py[a] = 0.0
         contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
         fire[0], fire[1], fire[2] = 0.25, 0.0, 0.1
     mixing, downhill, scale = fire[0], fire[1], fire[2]
@@ -502,19 +551,12 @@ def relax(
     steps = first
     while steps < last:
         steps += 1
-        if not moved(discs, work, constants, 0.0) <= constants.skin:
+        if not moved(discs, work, contacts, constants, 0.0) <= constants.skin:
             contacts = renew_contacts(discs, work, links, contacts, constants, 0.0)
         contact_forces(discs, work, links, contacts, constants, 0.0, 0.0, 0.0, False)
-        largest2 = 0.0
-        power = 0.0
-        force2 = 0.0
-        speed2 = 0.0
-        for a in range(n):
-            f2 = work.fx[a] * work.fx[a] + work.fy[a] * work.fy[a]
-            largest2 = max(largest2, f2)
-            force2 += f2
-            speed2 += discs.cx[a] * discs.cx[a] + discs.cy[a] * discs.cy[a]
-            power += work.fx[a] * discs.cx[a] + work.fy[a] * discs.cy[a]
+        fire_sums(discs, work)
+        largest2, power = work.totals[0], work.totals[1]
+        force2, speed2 = work.totals[2], work.totals[3]
         largest = np.sqrt(largest2)
         if not np.isfinite(force2):
             return contacts, steps, np.nan
@@ -531,7 +573,7 @@ def relax(
             mixing = 0.25
             # Half a step back, as the climb began somewhere inside the last one.
             h = 0.5 * scale * substep(constants, work, size, 0.0)
-            for a in range(n):
+            for a in range(work.begin, work.end):
                 discs.x[a] -= h * discs.cx[a]
                 discs.y[a] -= h * discs.cy[a]
                 discs.cx[a] = 0.0
@@ -539,7 +581,7 @@ def relax(
             speed2 = 0.0
         h = scale * substep(constants, work, size, 0.0)
         along = mixing * np.sqrt(speed2 / force2)
-        for a in range(n):
+        for a in range(work.begin, work.end):
             cx = discs.cx[a] + h * work.fx[a] / discs.mass[a]
             cy = discs.cy[a] + h * work.fy[a] / discs.mass[a]
             if power > 0.0:
@@ -619,14 +661,15 @@ def approach_time(constants: Constants, discs: Discs, work: Work, smallest_radiu
     a fifth: also on its way out, or the force of the clamp would act for a whole step.
     """
     largest = np.uint64(0)
-    for a in range(discs.cx.shape[0]):
+    for a in range(work.begin, work.end):
         cx, cy = discs.cx[a], discs.cy[a]
         largest = max(largest, bits(cx * cx + cy * cy))
+    largest = largest_of(largest, work.extremes, FASTEST, work.thread, work.threads, work.meeting)
     fastest = max(0.8 * np.sqrt(number(largest)) / smallest_radius, work.closest[2], 1e-150)
     return float(constants.step_approach / fastest)
 
 
-@jit
+@jit(nogil=True)
 def run(
     discs: Discs,
     work: Work,
@@ -656,6 +699,7 @@ def run(
     """
     smallest = discs.radius.min()
     size = 2.0 * discs.radius.mean()
+    begin, end = work.begin, work.end
     filled = 0
     substeps = 0
     for k in range(max(first, -1), last):
@@ -666,12 +710,12 @@ def run(
             # The rate jumps: forces anew, with the rate on this side of the jump.
             before = 0.0 if start else strain_at(clock, segment(clock, k - 1), k - 1, 1.0)[1]
             if not constants.affine:
-                edge_kick(discs, constants, rate - before)
+                edge_kick(discs, work, constants, rate - before)
             if start:
                 contacts = renew_contacts(discs, work, links, contacts, constants, strain)
-            kick(discs.cx, work.px, work.ax, 0.0, 0.0)
-            kick(discs.cy, work.py, work.ay, 0.0, 0.0)
-            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0)
+            kick(discs.cx, work.px, work.ax, 0.0, 0.0, begin, end)
+            kick(discs.cy, work.py, work.ay, 0.0, 0.0, begin, end)
+            kick(discs.spin, work.pspin, work.aspin, 0.0, 0.0, begin, end)
             carry_plates(discs, work, constants, rate)
             contact_forces(
                 discs, work, links, contacts, constants, strain, rate, 0.0, start or TALLY,
@@ -704,15 +748,15 @@ def run(
             strain1, rate1 = strain_at(clock, now, k, at / MOST_PIECES)
             kick_rate = 0.5 * (rate1 - rate)
             if not constants.affine:
-                edge_kick(discs, constants, kick_rate)
+                edge_kick(discs, work, constants, kick_rate)
             # Half of the kick and a prediction, or all of it at once.
             now_h, lead = (h, 0.0) if euler else (0.5 * h, 0.5 * h)
-            kick(discs.cx, work.px, work.ax, now_h, lead)
-            kick(discs.cy, work.py, work.ay, now_h, lead)
-            kick(discs.spin, work.pspin, work.aspin, now_h, lead)
+            kick(discs.cx, work.px, work.ax, now_h, lead, begin, end)
+            kick(discs.cy, work.py, work.ay, now_h, lead, begin, end)
+            kick(discs.spin, work.pspin, work.aspin, now_h, lead, begin, end)
             drift(discs, work, constants, h, strain1 - strain, rate1)
             strain, rate = strain1, rate1
-            way = moved(discs, work, constants, strain)
+            way = moved(discs, work, contacts, constants, strain)
             if not way <= constants.skin:
                 if np.isnan(way):
                     work.stopped[0], work.stopped[1] = (k + at / MOST_PIECES) * clock.step, strain
@@ -725,11 +769,11 @@ def run(
             accelerate(discs, work, constants, rate)
             if not euler:
                 # Glued discs, whose velocity is their plate's, have no acceleration.
-                add_scaled(discs.cx, 0.5 * h, work.ax)
-                add_scaled(discs.cy, 0.5 * h, work.ay)
-                add_scaled(discs.spin, 0.5 * h, work.aspin)
+                add_scaled(discs.cx, 0.5 * h, work.ax, begin, end)
+                add_scaled(discs.cy, 0.5 * h, work.ay, begin, end)
+                add_scaled(discs.spin, 0.5 * h, work.aspin, begin, end)
             if not constants.affine:
-                edge_kick(discs, constants, kick_rate)
+                edge_kick(discs, work, constants, kick_rate)
             if TALLY:
                 tally(discs, work, constants, rate, h)
             substeps += 1

@@ -270,7 +270,7 @@ def touching_pairs(
         # A cell so large that no image is near anybody.
         x, y = x - x.min(), y - y.min()
         width, height = x.max() + 4 * radius.max(), y.max() + 4 * radius.max()
-    _, i, j, nx, ny = find_pairs(x, y, radius, 0.0, width, height, 0.0)
+    _, i, j, nx, ny = find_pairs(x, y, radius, 0.0, width, height, 0.0, 0, len(x))
     pairs = np.column_stack([i, j]).astype(np.int64)
     image = np.column_stack([nx, ny]).astype(np.int64)
     return Network(position, radius, pairs, image, cell, periodic)

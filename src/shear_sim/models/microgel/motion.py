@@ -4,11 +4,15 @@ Nothing here knows the contact law; :mod:`kernels` does. Equation numbers are th
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shear_sim.cell import Floats, Ints, turns_of, wrap_count
+from shear_sim.cell import Floats, Ints, image_of, turns_of
 from shear_sim.compiled import jit
 from shear_sim.models.microgel.state import (
+    ALL,
+    COUNT,
     EX,
+    FIRST,
     LANES,
     NEAR,
     NX,
@@ -21,6 +25,7 @@ from shear_sim.models.microgel.state import (
     STATE,
     STEADY,
     SUM,
+    WITHIN,
     Clock,
     Constants,
     Discs,
@@ -28,6 +33,10 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.neighbours import find_pairs
+from shear_sim.threads import add_up, bits, largest_of, meet, number
+
+# Columns of Work.extremes
+FARTHEST, FASTEST, CLOSEST_OF, LONGEST_OF, CLOSING_OF = range(5)
 
 
 @jit(_nrt=False)
@@ -72,26 +81,38 @@ def peak_rate(clock: Clock, kind: int) -> float:
 
 
 @jit
+def whole_list(n: int) -> NDArray[np.int64]:
+    """Return ``Pairs.strips`` of ``n`` pairs that all belong to one strip and all may act."""
+    strips = np.zeros((1, ALL + 1), np.int64)
+    for c in range(COUNT, ALL + 1):
+        strips[0, c] = n
+    return strips
+
+
+@jit
 def empty_pairs(n: int) -> Pairs:
-    """Return ``n`` pairs without discs and without history."""
+    """Return ``n`` pairs of one strip, without discs and without history."""
     blocks = (n + LANES - 1) // LANES
     return Pairs(
         i=np.zeros(n, np.uint32), j=np.zeros(n, np.uint32),
-        table=np.zeros((blocks, PAIR_ROWS * LANES)),
+        table=np.zeros((blocks, PAIR_ROWS * LANES)), strips=whole_list(n),
     )  # fmt: skip
 
 
 @jit(_nrt=False)
-def add_scaled(to: Floats, factor: float, values: Floats) -> None:
-    """Add ``factor`` × ``values`` to ``to``; arrays (N,)."""
-    for a in range(to.shape[0]):
+def add_scaled(to: Floats, factor: float, values: Floats, begin: np.uint64, end: np.uint64) -> None:
+    """Add ``factor`` × ``values`` to ``to``, of discs ``begin`` to before ``end``; arrays (N,)."""
+    for a in range(begin, end):
         to[a] += factor * values[a]
 
 
 @jit(_nrt=False)
-def kick(velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float) -> None:
+def kick(
+    velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float,
+    begin: np.uint64, end: np.uint64,
+) -> None:  # fmt: skip
     """Kick velocities for ``h`` seconds and predict them ``lead`` seconds later; arrays (N,)."""
-    for a in range(velocity.shape[0]):
+    for a in range(begin, end):
         velocity[a] += h * acceleration[a]
         predicted[a] = velocity[a] + lead * acceleration[a]
 
@@ -106,14 +127,14 @@ def drift(
     """
     x, y, cx, cy, turn, spin = discs.x, discs.y, discs.cx, discs.cy, work.turn, discs.spin
     height = constants.height
-    for a in range(x.shape[0]):
+    for a in range(work.begin, work.end):
         x[a] += h * cx[a] + change * (y[a] + 0.5 * h * cy[a] - 0.5 * height)
     if constants.plates:
-        for a in range(x.shape[0]):
+        for a in range(work.begin, work.end):
             if discs.plate[a] != 0.0:  # goes with its plate instead
                 x[a] += change * (discs.plate[a] * 0.5 * height - (y[a] - 0.5 * height))
                 x[a] -= h * cx[a]
-    for a in range(x.shape[0]):
+    for a in range(work.begin, work.end):
         y[a] += h * cy[a]
         turn[a] = h * spin[a] - 0.5 * change
     carry_plates(discs, work, constants, rate)
@@ -146,37 +167,42 @@ def renew_contacts(
     discs: Discs, work: Work, links: Pairs, contacts: Pairs, constants: Constants, strain: float
 ) -> Pairs:
     """Bring discs back into the cell and return a new list of contacts that keeps their springs."""
-    n = discs.x.shape[0]
     x, y, radius, plate = discs.x, discs.y, discs.radius, discs.plate
     width, height, skin = constants.width, constants.height, constants.skin
-    offset = 0.0
+    begin, end = np.int64(work.begin), np.int64(work.end)
+    offset, change = 0.0, 0
     if constants.periodic:
         turns = turns_of(strain, width, height)
         offset = strain * height - turns * width
-        wrap_count(x, y, width, height, offset, work.wx, work.wy)
-        for a in range(n):
-            x[a] -= work.wx[a] * width + work.wy[a] * offset
-            y[a] -= work.wy[a] * height
         change = turns - work.turns[0]
         work.turns[0] = turns
+        for a in range(work.begin, work.end):
+            work.wx[a], work.wy[a] = image_of(x[a], y[a], width, height, offset)
+            x[a] -= work.wx[a] * width + work.wy[a] * offset
+            y[a] -= work.wy[a] * height
+    for a in range(work.begin, work.end):
+        work.x0[a], work.y0[a] = x[a], y[a]
+    work.strain0[0] = strain
+    work.largest[0] = radius.max()
+    meet(work.meeting, work.threads)
+    if constants.periodic:
         shift_images(links, work, change)
         shift_images(contacts, work, change)
-        start, i, j, nx, ny = find_pairs(x, y, radius, skin, width, height, offset)
+        start, i, j, nx, ny = find_pairs(
+            x, y, radius, skin, width, height, offset, begin, end,
+        )  # fmt: skip
     else:
         # A cell so large that no image is near anybody.
         left, low = x.min(), y.min()
         reach = 2.0 * (2.0 * radius.max() + skin)
         start, i, j, nx, ny = find_pairs(
             x - left, y - low, radius, skin, x.max() - left + reach, y.max() - low + reach, 0.0,
+            begin, end,
         )  # fmt: skip
-    work.x0[:] = x
-    work.y0[:] = y
-    work.strain0[0] = strain
-    work.largest[0] = radius.max()
 
     # Linked pairs are not contacts too (through another image they may be), nor are glued discs.
     # The rest keep their history; ``source`` is the old number of each new pair, or −1. They are
-    # ordered by how far the discs must move to touch, ``near`` of them for each distance.
+    # ordered by the strip of their first disc, and then by how far they must move to touch.
     source = np.full(i.shape[0], -1, np.int32)
     group = np.empty(i.shape[0], np.int32)
     for c in range(i.shape[0]):
@@ -187,6 +213,8 @@ def renew_contacts(
         if plate[i[c]] != 0.0 and plate[j[c]] != 0.0:
             group[c] = NEAR
     for q in range(links.i.shape[0]):
+        if links.i[q] == links.j[q]:
+            continue  # between two strips
         table, lane = links.table[q // LANES], q % LANES
         table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
         table[PER_SUM + lane] = 1.0 / table[SUM + lane]
@@ -198,20 +226,33 @@ def renew_contacts(
             c = find_in(start, j, nx, ny, contacts, q)
             if c >= 0:
                 source[c] = q
-    near = work.near
-    near[:] = 0
+    edges = work.edges
+    strips = np.zeros((edges.shape[0] - 1, ALL + 1), np.int64)
+    fill = np.zeros((edges.shape[0] - 1, NEAR), np.int64)
+    first = total = 0
+    for s in range(strips.shape[0]):
+        for c in range(start[edges[s]], start[edges[s + 1]]):
+            if group[c] < NEAR:
+                strips[s, WITHIN + group[c]] += 1
+        for g in range(1, NEAR):
+            fill[s, g] = strips[s, WITHIN + g - 1]
+            strips[s, WITHIN + g] += strips[s, WITHIN + g - 1]
+        for g in range(NEAR):
+            fill[s, g] += first
+        strips[s, FIRST], strips[s, COUNT] = first, strips[s, WITHIN]
+        if strips[s, ALL] > 0:
+            total = first + strips[s, ALL]
+            first = (total + LANES - 1) // LANES * LANES
+    pairs = empty_pairs(total)
+    new = Pairs(pairs.i, pairs.j, pairs.table, strips)
+    s = 0
     for c in range(i.shape[0]):
-        if group[c] < NEAR:
-            near[1 + group[c]] += 1
-    for g in range(NEAR):
-        near[g + 1] += near[g]
-    fill = near.copy()
-    new = empty_pairs(near[NEAR])
-    for c in range(i.shape[0]):
+        while i[c] >= edges[s + 1]:
+            s += 1
         if group[c] == NEAR:
             continue
-        q = fill[group[c]]
-        fill[group[c]] += 1
+        q = fill[s, group[c]]
+        fill[s, group[c]] += 1
         table, lane = new.table[q // LANES], q % LANES
         new.i[q], new.j[q] = i[c], j[c]
         if source[c] >= 0:
@@ -221,30 +262,31 @@ def renew_contacts(
         table[NX + lane], table[NY + lane] = nx[c], ny[c]
         table[SUM + lane] = radius[i[c]] + radius[j[c]]
         table[PER_SUM + lane] = 1.0 / (radius[i[c]] + radius[j[c]])
-    near[0] = near[1]
     return new
 
 
 @jit(_nrt=False)
-def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> float:
+def moved(discs: Discs, work: Work, contacts: Pairs, constants: Constants, strain: float) -> float:
     """Return by how much two discs may have approached since the contact list was made [m].
 
     What counts is the displacement u relative to the affine flow, and the flow across one contact:
     a pair Δ₀ apart is A (Δ₀ + Δu) apart now, with A the shear, so it touches only if |Δ₀| is below
     D s + 2 |u|, s the larger singular value of A.
-    The list holds all touching pairs while this is at most the skin, and the first ``work.near[0]``
-    are enough, which this function sets. Not a number, or more than 1000 cells, says that the
+    The list holds all touching pairs while this is at most the skin, and the first COUNT of a
+    strip are enough, which this function sets. Not a number, or more than 1000 cells, says that the
     motion has exploded.
     """
     change = strain - work.strain0[0]
     middle = 0.5 * constants.height
     x, y, x0, y0 = discs.x, discs.y, work.x0, work.y0
     farthest = np.uint64(0)
-    for a in range(x.shape[0]):
+    for a in range(work.begin, work.end):
         dx = x[a] - x0[a] - change * (y[a] - middle)
         dy = y[a] - y0[a]
         farthest = max(farthest, bits(dx * dx + dy * dy))
-    farthest2 = number(farthest)
+    farthest2 = number(
+        largest_of(farthest, work.extremes, FARTHEST, work.thread, work.threads, work.meeting)
+    )
     if not farthest2 < (1000.0 * constants.width) ** 2:
         return np.nan
     # Shear brings discs from D (1 + stretch) to contact at most: the larger of its singular values.
@@ -252,24 +294,10 @@ def moved(discs: Discs, work: Work, constants: Constants, strain: float) -> floa
     way = 2.0 * np.sqrt(farthest2) + stretch * 2.0 * work.largest[0]
     if way <= constants.skin:
         # A pair that has touched since stays in, so that its history is not lost.
-        near = work.near[1 + min(int(NEAR * way / constants.skin), NEAR - 1)]
-        work.near[0] = max(work.near[0], near)
+        within = WITHIN + min(int(NEAR * way / constants.skin), NEAR - 1)
+        for s in range(contacts.strips.shape[0]):
+            contacts.strips[s, COUNT] = max(contacts.strips[s, COUNT], contacts.strips[s, within])
     return float(way)
-
-
-@jit(_nrt=False)
-def bits(value: float) -> np.uint64:
-    """Return a number that is as large as another the larger ``value``, which is not negative, is.
-
-    The compiler takes maxima of whole numbers by vectors, and what is not a number is the largest.
-    """
-    return np.float64(value).view(np.uint64)
-
-
-@jit(_nrt=False)
-def number(value: np.uint64) -> float:
-    """Return what `bits` was made of."""
-    return float(np.uint64(value).view(np.float64))
 
 
 @jit(_nrt=False)
@@ -278,11 +306,11 @@ def places(discs: Discs, work: Work, constants: Constants, offset: float) -> Non
     x, y, plate, lx, ly = discs.x, discs.y, discs.plate, work.lx, work.ly
     width, height = constants.width, constants.height
     images = 1.0 if constants.periodic else 0.0
-    for a in range(x.shape[0]):
+    for a in range(work.begin, work.end):
         up = images * np.floor(y[a] / height)
         ly[a] = (1.0 - abs(plate[a])) * (y[a] - up * height - 0.5 * height)
         lx[a] = x[a] - up * offset
-    for a in range(x.shape[0]):
+    for a in range(work.begin, work.end):
         right = images * np.floor(lx[a] / width)
         lx[a] = (1.0 - abs(plate[a])) * (lx[a] - right * width - 0.5 * width)
 
@@ -296,13 +324,13 @@ def accelerate(discs: Discs, work: Work, constants: Constants, rate: float) -> N
     px, py, pspin = work.px, work.py, work.pspin
     fx, fy, torque = work.fx, work.fy, work.torque
     ax, ay, aspin = work.ax, work.ay, work.aspin
-    for a in range(mass.shape[0]):
+    for a in range(work.begin, work.end):
         free = 1.0 - abs(plate[a])
         ax[a] = free * (fx[a] / mass[a] - damping * px[a] - rate * py[a])
-    for a in range(mass.shape[0]):
+    for a in range(work.begin, work.end):
         free = 1.0 - abs(plate[a])
         ay[a] = free * (fy[a] / mass[a] - damping * py[a])
-    for a in range(mass.shape[0]):
+    for a in range(work.begin, work.end):
         free = 1.0 - abs(plate[a])
         aspin[a] = free * (torque[a] / inertia[a] - spin_damping * (pspin[a] - target))
 
@@ -312,7 +340,7 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
     """Give glued discs the velocity of their plate, ±γ̇ L_y/2, and no rotation."""
     if not constants.plates:
         return
-    for a in range(discs.x.shape[0]):
+    for a in range(work.begin, work.end):
         if discs.plate[a] != 0.0:
             half = 0.5 * constants.height
             discs.cx[a] = rate * (discs.plate[a] * half - (discs.y[a] - half))
@@ -325,9 +353,9 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
 
 
 @jit(_nrt=False)
-def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
+def edge_kick(discs: Discs, work: Work, constants: Constants, change: float) -> None:
     """Take back the affine kick of a rate change: inertia alone, for a cell driven at its edges."""
-    for a in range(discs.x.shape[0]):
+    for a in range(work.begin, work.end):
         if discs.plate[a] == 0:
             y = discs.y[a]
             if constants.periodic:
@@ -339,11 +367,11 @@ def edge_kick(discs: Discs, constants: Constants, change: float) -> None:
 # Sums in whatever order is fast: the same one for the same processor.
 @jit(fastmath={"reassoc"}, _nrt=False)
 def disc_sums(
-    discs: Discs, work: Work, rate: float
+    discs: Discs, work: Work, rate: float, begin: np.uint64, end: np.uint64
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return sums over free discs: torque, spin energy, m c c (xx, xy, yy), F (x − L/2)."""
     torque = kinetic = xx = xy = yy = uxx = uxy = uyx = uyy = 0.0
-    for a in range(discs.x.shape[0]):
+    for a in range(begin, end):
         free = 1.0 - abs(discs.plate[a])
         torque += free * work.torque[a]
         omega = discs.spin[a] - 0.5 * rate
@@ -368,7 +396,16 @@ def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row:
     for c in range(14):
         row[3 + c] = tensors[c] / volume
     # Σ F (x − L/2) over free discs: with the external tensor it makes up Love and Weber's (S1-19).
-    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = disc_sums(discs, work, rate)
+    for s in range(work.lower, work.upper):
+        sums = disc_sums(discs, work, rate, np.uint64(work.edges[s]), np.uint64(work.edges[s + 1]))
+        for c in range(9):
+            work.disc_sums[s, c] = sums[c]
+    meet(work.meeting, work.threads)
+    add_up(work.disc_sums, work.totals)
+    t = work.totals
+    torque, kinetic, xx, xy, yy, uxx, uxy, uyx, uyy = (
+        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8],
+    )  # fmt: skip
     error = max(
         abs(tensors[5] - tensors[10] - uxx), abs(tensors[6] - tensors[11] - uxy),
         abs(tensors[7] - tensors[12] - uyx), abs(tensors[8] - tensors[13] - uyy),
@@ -381,8 +418,8 @@ def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row:
     row[19] = xx / volume
     row[20] = xy / volume
     row[21] = yy / volume
-    row[22] = 2.0 * work.row[0] / discs.x.shape[0]
-    row[23] = work.row[1] / max(work.row[0], 1.0)
+    row[22] = 2.0 * tensors[14] / discs.x.shape[0]
+    row[23] = tensors[15] / max(tensors[14], 1.0)
 
 
 @jit(_nrt=False)

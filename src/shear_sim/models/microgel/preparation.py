@@ -39,6 +39,7 @@ from shear_sim.models.microgel.state import (
     Discs,
     Pairs,
 )
+from shear_sim.models.microgel.strips import in_strips, in_threads
 from shear_sim.packing import Equilibration, Packing, cell_height, start_discs
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams
@@ -79,6 +80,7 @@ class MicrogelRun:
     """
 
     simulation: MicrogelSimulation  # once it is prepared
+    threads = 1
 
     def __init__(self, point: MicrogelPoint, streams: Streams) -> None:
         self.point = point
@@ -100,8 +102,9 @@ class MicrogelRun:
     def advance(self, rows: int) -> None:
         """Make the next records, or as many steps of the preparation as they take."""
         if self.preparation is None:
+            self.simulation.threads = self.threads
             self.simulation.advance(rows)
-        elif start := self.preparation.advance(rows * self.point.record.every):
+        elif start := self.preparation.advance(rows * self.point.record.every, self.threads):
             self.simulation = _prepared(self.point, start)
             self.preparation = None
 
@@ -134,7 +137,7 @@ class Preparation:
         self.report: dict[str, Any] = {}
         self.stage: Relaxation | Settling = Relaxation(point, self.discs, self.constants)
 
-    def advance(self, steps: int) -> Start | None:
+    def advance(self, steps: int, threads: int = 1) -> Start | None:
         """Make about so many steps; return the start when it is there.
 
         Raises
@@ -142,7 +145,7 @@ class Preparation:
         SimulationError
             If the packing explodes, or the user's contact law does not work.
         """
-        report = self.stage.advance(steps)
+        report = self.stage.advance(steps, threads)
         if report is None:
             return None
         self.report |= report
@@ -220,12 +223,13 @@ class Relaxation:
             step_energy=0.5 * longest,  # energy may err
             step_normal_dashpot=math.inf,
         )
-        self.work, self.contacts = make_work(len(discs.x)), make_pairs()
+        self.work = make_work(len(discs.x))
+        self.contacts = self.links = in_strips(make_pairs(), self.work.edges)
         self.linear = True
         self.fire = np.zeros(3)
         self.steps = self.steps_before = 0
 
-    def advance(self, steps: int) -> dict[str, Any] | None:
+    def advance(self, steps: int, threads: int = 1) -> dict[str, Any] | None:
         """Make at most so many steps; return the report when the packing is at rest."""
         rest, constants = self.point.packing.equilibration, self.constants
         if rest.max_steps == 0:
@@ -236,9 +240,15 @@ class Relaxation:
             law, tolerance = laws.divergent, 1e-3
             constants = constants._replace(law=(0.0, *constants.law[1:]))
         tolerance *= self.unit
-        self.contacts, self.steps, force = kernels_for(law, tangential=False).relax(
-            self.discs, self.work, make_pairs(), self.contacts, constants, tolerance,
-            self.steps, min(self.steps + steps, rest.max_steps), self.fire,
+        relax = kernels_for(law, tangential=False).relax
+        fire, first = self.fire.copy(), self.steps
+        last = min(first + steps, rest.max_steps)
+        self.contacts, self.steps, force = in_threads(
+            threads, self.work, self.links, self.contacts,
+            lambda work, links, contacts: relax(
+                self.discs, work, links, contacts, constants, tolerance, first, last,
+                self.fire if work.thread == 0 else fire.copy(),
+            ),
         )  # fmt: skip
         if not math.isfinite(force):
             msg = "the contact law gave a force that is not a number while the packing was made"
@@ -296,22 +306,23 @@ class Settling:
         constants: Constants,
         tau: float,
     ) -> None:
-        self.point, self.discs, self.links, self.contacts = point, discs, links, contacts
+        self.point, self.discs = point, discs
         self.constants = constants._replace(
             damping=REST_DAMPING / tau, spin_damping=REST_DAMPING / tau, spin_target=0.0
         )
         self.work = make_work(len(discs.x))
+        self.links, self.contacts = (in_strips(p, self.work.edges) for p in (links, contacts))
         self.clock = Clock(0.2 * tau, 0, 0, OSCILLATION, 100, 0.0, SETTLING_BLOCK)
         self.steps = 0
 
-    def advance(self, steps: int) -> dict[str, Any] | None:
+    def advance(self, steps: int, threads: int = 1) -> dict[str, Any] | None:
         """Make about so many steps; return the report when the packing is at rest."""
         rest, discs, work = self.point.packing.equilibration, self.discs, self.work
         unit = force_unit(self.constants, discs)
         energy_unit = unit * 2 * float(discs.radius.mean())
         until = self.steps + steps
         while True:
-            self._run(0)
+            self._run(0, 1)  # to share one instant takes longer than to work it out
             force = float(np.hypot(work.fx, work.fy).max()) / unit
             turning = float((np.abs(work.torque) / discs.radius).max()) / unit
             speed2 = discs.cx**2 + discs.cy**2
@@ -321,7 +332,7 @@ class Settling:
             at_rest = at_rest and energy <= rest.energy_tolerance
             if at_rest or self.steps >= rest.max_steps:
                 break
-            substeps, status = self._run(SETTLING_BLOCK)
+            substeps, status = self._run(SETTLING_BLOCK, threads)
             if status != RUNNING:
                 msg = "the packing exploded while it came to rest"
                 raise SimulationError(msg)
@@ -338,12 +349,16 @@ class Settling:
             "at_rest": bool(at_rest),
         }
 
-    def _run(self, last: int) -> tuple[int, int]:
+    def _run(self, last: int, threads: int) -> tuple[int, int]:
         """Run to step ``last``, from rest forces on; return substeps and status."""
         rows = np.empty((2, len(ROW + ENERGIES)))
-        self.contacts, _, substeps, status = kernels_of(self.point).run(
-            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
-            -1, last, False, rows,
+        point = self.point
+        self.contacts, _, substeps, status = in_threads(
+            1 if point.record.energy else threads, self.work, self.links, self.contacts,
+            lambda work, links, contacts: kernels_of(point).run(
+                self.discs, work, links, contacts, self.constants, self.clock, -1, last, False,
+                rows if work.thread == 0 else np.empty_like(rows),
+            ),
         )  # fmt: skip
         return substeps, status
 

@@ -20,7 +20,6 @@ from shear_sim.models.microgel.state import (
     ENERGIES,
     LANES,
     MOST_PIECES,
-    NEAR,
     NX,
     NY,
     OSCILLATION,
@@ -31,6 +30,7 @@ from shear_sim.models.microgel.state import (
     STATE,
     STEADY,
     STICK,
+    SUMS,
     TOO_STIFF,
     Clock,
     Constants,
@@ -40,9 +40,12 @@ from shear_sim.models.microgel.state import (
     Work,
     column,
     listed,
+    places_of,
     set_column,
 )
+from shear_sim.models.microgel.strips import edges_of, in_strips, in_threads
 from shear_sim.protocol import OscillatoryShear, Shear, snapshot_rows
+from shear_sim.threads import new_meeting
 
 FloatArray = NDArray[np.float64]
 
@@ -135,7 +138,11 @@ def make_work(n: int) -> Work:
     def per_disc() -> FloatArray:
         return np.zeros(n)
 
+    edges = edges_of(n)
     return Work(
+        thread=0, threads=1, meeting=new_meeting(), edges=edges, lower=0, upper=len(edges) - 1,
+        begin=np.uint64(0), end=np.uint64(n), extremes=np.zeros((1, 8)),
+        pair_sums=np.zeros((len(edges) - 1, SUMS)), disc_sums=np.zeros((len(edges) - 1, SUMS)),
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
@@ -143,10 +150,9 @@ def make_work(n: int) -> Work:
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
         strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
-        near=np.zeros(NEAR + 1, np.int32),
         block=np.zeros(BLOCK_ROWS * LANES),
         closest=np.array([1.0, 1.0, 0.0, 1.0]), stopped=np.zeros(2),
-        tensors=np.zeros(14), row=np.zeros(2), check=np.zeros(1),
+        tensors=np.zeros(SUMS), totals=np.zeros(SUMS), check=np.zeros(1),
         stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),
     )  # fmt: skip
 
@@ -177,6 +183,9 @@ def make_pairs(
 
 def take_pairs(pairs: Pairs, chosen: NDArray[np.bool_]) -> Pairs:
     """Return the ``chosen`` (P,) of ``pairs`` with their springs."""
+    pair = np.zeros(len(pairs.i), np.bool_)
+    pair[places_of(pairs)] = True
+    chosen = chosen & pair
     ends = np.column_stack([pairs.i, pairs.j]).astype(np.int64)
     image = np.column_stack([column(pairs, NX), column(pairs, NY)]).astype(np.int64)
     springs = column(pairs, SPRING), column(pairs, SPRING_BACK)
@@ -274,6 +283,8 @@ def last_step(clock: Clock, shear: Shear) -> int:
 class MicrogelSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
+    threads = 1
+
     def __init__(
         self,
         point: MicrogelPoint,
@@ -287,11 +298,15 @@ class MicrogelSimulation:
     ) -> None:
         self.point, self.kernels = point, kernels
         glued = (discs.plate[links.i] != 0) & (discs.plate[links.j] != 0)
-        self.links = take_pairs(links, ~glued)  # links of the outside world
-        self.discs, self.contacts = discs, contacts
+        links = take_pairs(links, ~glued)  # links of the outside world
+        self.discs = discs
         self.constants, self.clock = constants, clock
         self.preparation = preparation
         self.work = make_work(len(discs.x))
+        self.links = in_strips(links, self.work.edges)
+        self.contacts = contacts
+        if len(contacts.strips) < len(self.links.strips):  # given, not listed by a kernel
+            self.contacts = in_strips(contacts, self.work.edges)
         self.steps = last_step(clock, point.shear)
         self.done = 0
         self.substeps = 0
@@ -347,10 +362,15 @@ class MicrogelSimulation:
             return
         first = (self.done - 1) * self.clock.every  # negative: the first record comes first
         last = (until - 1) * self.clock.every
-        self.contacts, filled, substeps, status = self.kernels.run(
-            self.discs, self.work, self.links, self.contacts, self.constants, self.clock,
-            first, last, self.point.integrator.scheme == "semi_implicit_euler",
-            self._table[self.done : until],
+        rows = self._table[self.done : until]
+        euler = self.point.integrator.scheme == "semi_implicit_euler"
+        self.contacts, filled, substeps, status = in_threads(
+            1 if self.point.record.energy else self.threads,  # the balance is summed pair by pair
+            self.work, self.links, self.contacts,
+            lambda work, links, contacts: self.kernels.run(
+                self.discs, work, links, contacts, self.constants, self.clock, first, last, euler,
+                rows if work.thread == 0 else np.empty_like(rows),
+            ),
         )  # fmt: skip
         self.done += filled
         self.substeps += substeps

@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 
 from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.models.microgel.state import (
+    ALL,
     BLOCK_ROWS,
+    COUNT,
+    FIRST,
     LANES,
     OPEN,
     SLIDE,
@@ -49,8 +52,8 @@ def take(
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
     parts = [
-        _forces(kernels, discs, work, links, len(links.i), link, c, offset, rate, LINK),
-        _forces(kernels, discs, work, contacts, int(work.near[0]), contact, c, offset, rate, None),
+        _forces(kernels, discs, work, links, ALL, link, c, offset, rate, LINK),
+        _forces(kernels, discs, work, contacts, COUNT, contact, c, offset, rate, None),
     ]
     i, j, kind, dx, dy, fx, fy = (np.concatenate(both) for both in zip(*parts, strict=True))
     distance = np.maximum(np.hypot(dx, dy), 1e-300)
@@ -81,12 +84,20 @@ def _forces(
     rate: float,
     kind: int | None,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int8], *tuple[FloatArray, ...]]:
-    """Return i, j, kind, separation and force on i of the first ``count`` pairs that act."""
-    found = np.empty((4, count))
-    acting = np.empty(count, np.int64)
+    """Return i, j, kind, separation and force on i of the pairs that act.
+
+    Of each strip the first ``count`` pairs, a column of ``pairs.strips``, are worked out.
+    """
+    found = np.empty((4, len(pairs.i)))
+    acting = np.full(len(pairs.i), OPEN)
     block = np.zeros(BLOCK_ROWS * LANES)
-    for first in range(0, count, LANES):
-        m = min(LANES, count - first)
+    blocks = [
+        (first, min(LANES, end - first))
+        for begin, n in pairs.strips[:, [FIRST, count]].tolist()
+        for end in (begin + n,)
+        for first in range(begin, end, LANES)
+    ]
+    for first, m in blocks:
         table = pairs.table[first // LANES].copy()
         kernels.gather(
             discs.x, discs.y, work.px, work.py, work.rim, work.rolled, pairs.i, pairs.j, first, m,
@@ -99,6 +110,8 @@ def _forces(
             row[first : first + m] = block[at : at + m]
         acting[first : first + m] = table[STATE : STATE + m]
     use = acting != OPEN
-    kinds = np.where(acting == SLIDE, SLIDING, CONTACT) if kind is None else np.full(count, kind)
-    i, j = (ends[:count][use].astype(np.int32) for ends in (pairs.i, pairs.j))
+    kinds = (
+        np.where(acting == SLIDE, SLIDING, CONTACT) if kind is None else np.full(len(acting), kind)
+    )
+    i, j = (ends[use].astype(np.int32) for ends in (pairs.i, pairs.j))
     return i, j, kinds[use].astype(np.int8), *(row[use] for row in found)

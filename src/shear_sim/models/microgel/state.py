@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.models.microgel.laws import LawParameters
+from shear_sim.threads import Meeting
 
 Unsigned = NDArray[np.uint32]  # an index that cannot be negative costs no test of its sign
 
@@ -46,8 +47,23 @@ class Discs(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Forces and predictions of the current instant; arrays of shape (N,) unless said."""
+    """Forces and predictions of the current instant; arrays of shape (N,) unless said.
 
+    The discs are divided into S strips, see :mod:`strips`. Threads that share a simulation have a
+    Work each, for some of the strips.
+    """
+
+    thread: int  # number of this one
+    threads: int
+    meeting: Meeting  # where they wait for each other
+    edges: NDArray[np.int64]  # (S + 1,) first disc of each strip, and N
+    lower: int  # strips of this thread: lower, lower + 1, ... below upper
+    upper: int
+    begin: np.uint64  # and their discs, likewise
+    end: np.uint64
+    extremes: Floats  # (threads, 8) what each has found that is largest or smallest
+    pair_sums: Floats  # (S, SUMS) sums over the pairs of each strip
+    disc_sums: Floats  # (S, SUMS) and over its discs
     px: Floats  # predicted peculiar velocity and spin: what velocity-dependent forces see
     py: Floats
     pspin: Floats
@@ -69,12 +85,11 @@ class Work(NamedTuple):
     strain0: Floats  # (1,) strain when the contact list was made
     largest: Floats  # (1,) largest radius [m]
     turns: Ints  # (1,) whole widths by which the cell is re-gridded
-    near: Ints  # (NEAR + 1,) listed contacts that may touch by now; the whole list at each distance
     block: Floats  # (BLOCK_ROWS · LANES,) what the kernels know of one block of pairs
     closest: Floats  # (4,) smallest d/D, largest of a link, largest |d'|/d; smallest d/D so far
     stopped: Floats  # (2,) time [s] and strain of the positions, if the run had to stop
-    tensors: Floats  # (14,) sums of ``contact_forces`` for a record
-    row: Floats  # (2,) touching pairs and sliding pairs
+    tensors: Floats  # (SUMS,) sums of ``contact_forces`` for a record, over all pairs
+    totals: Floats  # (SUMS,) sums over all discs
     stored: Floats  # (1,) elastic energy [J/m]
     power: Floats  # (7,) powers of the last instants, see ``tally`` [W/m]
     energy: Floats  # (6,) energy put in, and lost in each way, so far [J/m]
@@ -82,7 +97,11 @@ class Work(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Links, or discs that may touch: P pairs.
+    """Links, or discs that may touch: P pairs, of each strip those whose first disc lies in it.
+
+    Each strip begins at a row of ``table``: after the last pair of another follow some of disc 0
+    with itself, which are no pairs. Of strips that are another thread's there are only pairs
+    whose second disc is this thread's.
 
     What is known of a pair lies in ``table``, LANES pairs a row and one column after the other, so
     that the compiler sees fixed distances and can take several pairs at once. Outside the kernels
@@ -92,6 +111,9 @@ class Pairs(NamedTuple):
     i: Unsigned  # (P,)
     j: Unsigned
     table: Floats  # (⌈P/LANES⌉, PAIR_ROWS · LANES)
+    strips: NDArray[
+        np.int64
+    ]  # (S, 2 + NEAR) FIRST pair, COUNT to work out, listed to each distance
 
 
 class PairState(NamedTuple):
@@ -118,13 +140,24 @@ LANES = 64  # pairs in a block
 PAIR_ROWS = 10
 BLOCK_ROWS = 19
 NEAR = 4  # distances by which listed contacts are told apart
+SUMS = 16  # made of each strip, at most
+#: Columns of Pairs.strips: the first pair, how many may act by now, and how many are listed that
+#: are at most so far apart; the last of these is all of them.
+FIRST, COUNT, WITHIN, ALL = 0, 1, 2, 1 + NEAR
+
+
+def places_of(pairs: Pairs, which: int = ALL) -> NDArray[np.int64]:
+    """Return where the pairs lie among ``pairs.i``; of COUNT only those that may act by now."""
+    strips = [np.arange(row[FIRST], row[FIRST] + row[which]) for row in pairs.strips]
+    return np.concatenate(strips)
 
 
 def listed(pairs: Pairs) -> PairState:
     """Return the state of ``pairs`` as plain arrays."""
-    i, j = pairs.i.astype(np.int32), pairs.j.astype(np.int32)
-    nx, ny, state = (column(pairs, which).astype(np.int32) for which in (NX, NY, STATE))
-    ex, ey, distance, spring = (column(pairs, which) for which in (EX, EY, DISTANCE, SPRING))
+    at = places_of(pairs)
+    i, j = (ends[at].astype(np.int32) for ends in (pairs.i, pairs.j))
+    nx, ny, state = (column(pairs, which)[at].astype(np.int32) for which in (NX, NY, STATE))
+    ex, ey, distance, spring = (column(pairs, which)[at] for which in (EX, EY, DISTANCE, SPRING))
     return PairState(i, j, nx, ny, ex, ey, distance, spring, state)
 
 

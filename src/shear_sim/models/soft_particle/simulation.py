@@ -29,6 +29,8 @@ from shear_sim.streams import Streams
 class SoftParticleSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
+    threads = 1
+
     def __init__(self, point: SoftParticlePoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear

@@ -54,8 +54,8 @@ A plastic one follows DeRuntz & Hodge.
 Links pull but never push, which contacts do: where paper (39) lets pressure strengthen a link
 against shear, here it breaks at |f_t| = f_t⁰.
 
-Reading order: ``parameters``, ``diametral``, ``suspension``, ``system``, ``motion``, ``kernels``,
-``contacts``, ``friction``; then ``compaction``, ``tension``.
+Reading order: ``parameters``, ``scenario``, ``diametral``, ``suspension``, ``system``, ``motion``,
+``kernels``, ``contacts``, ``friction``; then ``compaction``, ``tension``.
 """
 
 from collections.abc import Sequence

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.interface import Columns
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import Compaction, SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
+from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 from shear_sim.streams import Streams
 
@@ -15,13 +16,12 @@ UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)
 FEWEST = 5  # records of a line
 LOWEST = 0.03  # σ/σ* under which the pack has not set yet
 WEIGHT = 0.1  # weight of all rings / width / σ*, where they fall
-SYRUP = 0.05  # drag on vertices / (m ω₁) there
-STILL = 1e-4  # kinetic energy of rings at rest / (weight of all · R)
-LONGEST_FALL = 500  # periods T₁
+AIR = 0.01  # drag on vertices / (m ω₁) there
+FALLEN = 1e-6  # kinetic energy of rings that have fallen / (k_b · rings)
 LEFT, RIGHT, FLOOR, LID = range(4)
 
 
-class Compactor:
+class Compactor(Scenario):
     """The run: a lid at a constant speed, at first where it touches, in the end there again."""
 
     def __init__(self, point: SoftParticlePoint, shear: Compaction, streams: Streams) -> None:

@@ -20,6 +20,7 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticleRecord,
     Tension,
 )
+from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.suspension import Suspension
 from shear_sim.models.soft_particle.tension import Puller
 from shear_sim.protocol import snapshot_rows
@@ -32,7 +33,7 @@ class SoftParticleSimulation:
     def __init__(self, point: SoftParticlePoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear
-        self.run: Diametral | Compactor | Puller | Suspension
+        self.run: Scenario
         if isinstance(shear, Compaction):
             self.run = Compactor(self.point, shear, streams)
         elif isinstance(shear, Tension):
@@ -60,8 +61,7 @@ class SoftParticleSimulation:
             self._records.append(self.run.record())
             if self.done in self._kept():
                 run = self.run
-                grips = run.grips() if isinstance(run, Puller) else None
-                taken = snapshots.take(run.system, self.done, run.frame, grips)
+                taken = snapshots.take(run.system, self.done, run.frame, run.planes())
                 self.snapshots.append(taken)
             self.done += 1
 
@@ -88,13 +88,11 @@ class SoftParticleSimulation:
             "shear_start": 0.0,
             "shear_end": time,
             "end": time,
-        }
+        } | self.run.protocol()
         checks: dict[str, float] = {}
         if np.isfinite(system.work.closest).any():
             checks["closest_approach"] = float(system.work.closest.min())
-        if isinstance(self.run, Suspension):
-            protocol |= {"tensors": ["periodic"], **self.run.protocol()}
-            checks |= self.run.checks(self.columns())
+        checks |= self.run.checks(self.columns())
         return {
             "derived": {
                 "segment_length": unit.segment,

@@ -4,14 +4,11 @@ shear-sim sweep configs/soft_particle_compaction.yaml
 .venv/bin/python analysis/soft_compaction.py results/soft_particle_compaction \
     analysis/figures/soft_compaction.png
 
-Prints a table in Markdown (kept in analysis/soft_compaction.md). Curves and numbers are of the
-finished runs of the study; the shapes are of smaller boxes of the same particles, run here to the
-same strain (a minute each). Colours are elastic energies over the mean, from the mean up, as in
-figure 29 of the paper.
+Prints a table in Markdown (kept in analysis/soft_compaction.md). Shapes are those where the lid
+turned; colours are elastic energies over the mean, from the mean up, as in figure 29 of the paper.
 """
 
 import argparse
-import itertools
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +19,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from numpy.typing import NDArray
+from soft_tissue import outlines
 
 from shear_sim.models.soft_particle import derive
-from shear_sim.models.soft_particle.kernels import shell_energy
-from shear_sim.models.soft_particle.parameters import SoftParticlePoint
-from shear_sim.models.soft_particle.simulation import SoftParticleSimulation
-from shear_sim.results import read_job
-from shear_sim.streams import Streams
+from shear_sim.render import Kept, read_kept
 
-FloatArray = NDArray[np.float64]
 Summary = dict[str, Any]
 
-DRAWN = 100  # rings of the boxes whose shapes are drawn
 KINDS = ("hollow", "soft core", "hard core", "plastic")
 #: What the paper says (figures 27 and 28), with the tolerances of the project.
 GOALS = {
@@ -61,6 +52,13 @@ def kind(summary: Summary) -> str:
     return "hollow" if ratio == 0 else "soft core" if ratio < 10 else "hard core"
 
 
+def read_packs(results: Path) -> dict[str, Kept]:
+    """Return the finished jobs of the study by `KINDS`."""
+    found = [read_kept(path) for path in sorted((results / "jobs").glob("*.parquet"))]
+    jobs = {kind(kept.table.summary): kept for kept in found}
+    return {name: jobs[name] for name in KINDS if name in jobs}
+
+
 def report(name: str, summary: Summary) -> None:
     measured, cells = summary["measured"], [name]
     goals = GOALS[name]
@@ -84,42 +82,36 @@ def report(name: str, summary: Summary) -> None:
     print("| " + " | ".join([*cells, f"{run['cpu_s']:.0f}", f"{cost:.0f}"]) + " |", flush=True)
 
 
-def shapes(axis: Axes, summary: Summary) -> PolyCollection:
-    """Draw a small box of the same particles at the strain where the lid turned."""
-    given = {key: dict(value) for key, value in summary["parameters"].items() if key != "record"}
-    given["packing"] |= {"particles": DRAWN}
-    given["shear"] |= {"unload": False}
-    run = SoftParticleSimulation(SoftParticlePoint.model_validate(given), Streams(1, 0))
-    run.advance(100_000)
-    system = run.run.system
-    x, y, start = system.motion.x, system.motion.y, system.chains.start
-    outlines = [np.column_stack([x[a:b], y[a:b]]) for a, b in itertools.pairwise(start)]
-    energy = np.array([sum(shell_energy(system.chains, x, y, p)) for p in range(DRAWN)])
+def shapes(axis: Axes, kept: Kept) -> PolyCollection:
+    """Draw all particles where the lid turned."""
+    snapshot = kept.snapshots[0]
+    polygons, energy = outlines(snapshot)
     drawn = PolyCollection(
-        outlines, array=np.maximum(energy / energy.mean(), 1.0), cmap="Reds",
-        edgecolors="black", linewidths=0.5,
+        polygons, array=np.maximum(energy / energy.mean(), 1.0), cmap="Reds",
+        edgecolors="black", linewidths=0.3,
     )  # fmt: skip
     drawn.set_clim(1.0, 4.0)
     axis.add_collection(drawn)
-    walls = system.walls.position
-    axis.set(xlim=(0, -walls[1]), ylim=(0, -walls[3]), aspect="equal", xticks=[], yticks=[])
+    right, lid = -snapshot.walls[1, 2], -snapshot.walls[3, 2]
+    axis.set(xlim=(0, right), ylim=(0, lid), aspect="equal", xticks=[], yticks=[])
     return drawn
 
 
-def draw(path: str, jobs: dict[str, Any]) -> None:
+def draw(path: str, jobs: dict[str, Kept]) -> None:
     figure, axes = plt.subplots(
         2, 4, figsize=(7.2, 4.0), layout="constrained", height_ratios=(1, 1.1)
     )
     for axis, (name, job) in zip(axes[0], jobs.items(), strict=False):
-        drawn = shapes(axis, job.summary)
-        axis.set_title(name, fontsize=8)
+        drawn = shapes(axis, job)
+        strain = float(job.table.columns["strain"].max())
+        axis.set_title(f"{name}, ε = {strain:.2f}", fontsize=7)
     for axis in axes[0, len(jobs) :]:
         axis.set_axis_off()
     bar = figure.colorbar(drawn, ax=axes[0, 3], shrink=0.8)
     bar.set_label("energy / mean", fontsize=7)
     bar.ax.tick_params(labelsize=6)
     for number, (name, job) in enumerate(jobs.items()):
-        t = job.columns | derive(job.columns)
+        t = job.table.columns | derive(job.table.columns)
         top = int(t["strain"].argmax()) + 1
         stress = np.where(t["stress_yy_per_bending"] > 5e-4, 2 * t["stress_yy_per_bending"], np.nan)
         whole = t["solid_area"] / t["solid_area"][0]
@@ -148,16 +140,14 @@ def main() -> None:
     parser.add_argument("results", type=Path, help="results folder of the study")
     parser.add_argument("figure", help="path of the figure")
     given = parser.parse_args()
-    found = [read_job(path) for path in sorted((given.results / "jobs").glob("*.parquet"))]
-    jobs = {kind(job.summary): job for job in found}
-    jobs = {name: jobs[name] for name in KINDS if name in jobs}
-    rings = found[0].summary["parameters"]["packing"]["particles"]
-    print(f"# Compaction of {rings} soft particles, {len(jobs)} of 4 kinds\n")
+    jobs = read_packs(given.results)
+    rings = next(iter(jobs.values())).table.summary["parameters"]["packing"]["particles"]
+    print(f"# Compaction of {rings} soft particles, {len(jobs)} of {len(KINDS)} kinds\n")
     heads = ["particles", *SHOWN.values(), "CPU s", "ns per vertex and step"]
     print("| " + " | ".join(heads) + " |")
     print("| --- " * len(heads) + "|")
     for name, job in jobs.items():
-        report(name, job.summary)
+        report(name, job.table.summary)
     draw(given.figure, jobs)
 
 

@@ -26,13 +26,15 @@ from shear_sim.render import Kept, read_kept
 
 Summary = dict[str, Any]
 
-KINDS = ("hollow", "soft core", "hard core", "plastic")
+KINDS = ("hollow", "soft core", "hard core", "plastic", "fallen")
+DRAWN = KINDS[:4]  # shapes of
 #: What the paper says (figures 27 and 28), with the tolerances of the project.
 GOALS = {
     "hollow": {"void_ratio_at_unit": (0.085, 0.115), "solid_share_at_unit": (0.32, 0.42)},
     "soft core": {},
     "hard core": {"final_void_ratio": (0.025, 0.055), "final_solid_share": (-0.01, 0.01)},
     "plastic": {"final_void_ratio": (0.0, 0.08), "final_solid_share": (0.15, 0.30)},
+    "fallen": {"void_ratio_at_unit": (0.085, 0.115)},
 }
 ELASTIC_INDEX = (0.06, 0.10)
 SHOWN = {
@@ -46,6 +48,8 @@ SHOWN = {
 
 def kind(summary: Summary) -> str:
     model = summary["parameters"]["model"]
+    if summary["parameters"]["packing"].get("preparation") == "gravity":
+        return "fallen"
     if model.get("yield_moment") is not None:
         return "plastic"
     ratio = model.get("core_ratio", 0.0)
@@ -82,8 +86,8 @@ def report(name: str, summary: Summary) -> None:
     print("| " + " | ".join([*cells, f"{run['cpu_s']:.0f}", f"{cost:.0f}"]) + " |", flush=True)
 
 
-def shapes(axis: Axes, kept: Kept) -> PolyCollection:
-    """Draw all particles where the lid turned."""
+def shapes(axis: Axes, kept: Kept, height: float) -> PolyCollection:
+    """Draw all particles where the lid turned, in a panel of this ``height`` [m]."""
     snapshot = kept.snapshots[0]
     polygons, energy = outlines(snapshot)
     drawn = PolyCollection(
@@ -93,23 +97,28 @@ def shapes(axis: Axes, kept: Kept) -> PolyCollection:
     drawn.set_clim(1.0, 4.0)
     axis.add_collection(drawn)
     right, lid = -snapshot.walls[1, 2], -snapshot.walls[3, 2]
-    axis.set(xlim=(0, right), ylim=(0, lid), aspect="equal", xticks=[], yticks=[])
+    axis.plot([0, right], [lid, lid], color="black", lw=0.8)
+    axis.set(xlim=(0, right), ylim=(0, height), aspect="equal", xticks=[], yticks=[])
+    axis.spines["top"].set_visible(False)
     return drawn
 
 
 def draw(path: str, jobs: dict[str, Kept]) -> None:
-    figure, axes = plt.subplots(
-        2, 4, figsize=(7.2, 4.0), layout="constrained", height_ratios=(1, 1.1)
-    )
-    for axis, (name, job) in zip(axes[0], jobs.items(), strict=False):
-        drawn = shapes(axis, job)
+    figure = plt.figure(figsize=(7.2, 7.6), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(2.6, 1))
+    places = above.subplots(2, 2).ravel()
+    shown = {name: job for name, job in jobs.items() if name in DRAWN}
+    height = 1.01 * max(-job.snapshots[0].walls[3, 2] for job in shown.values())
+    for axis, (name, job) in zip(places, shown.items(), strict=False):
+        drawn = shapes(axis, job, height)
         strain = float(job.table.columns["strain"].max())
-        axis.set_title(f"{name}, ε = {strain:.2f}", fontsize=7)
-    for axis in axes[0, len(jobs) :]:
+        axis.set_title(f"{name}, ε = {strain:.2f}", fontsize=8)
+    for axis in places[len(shown) :]:
         axis.set_axis_off()
-    bar = figure.colorbar(drawn, ax=axes[0, 3], shrink=0.8)
-    bar.set_label("energy / mean", fontsize=7)
+    bar = above.colorbar(drawn, ax=places, shrink=0.6, aspect=30, pad=0.02)
+    bar.set_label("elastic energy of a particle / mean", fontsize=7)
     bar.ax.tick_params(labelsize=6)
+    axes = below.subplots(1, 4)
     for number, (name, job) in enumerate(jobs.items()):
         t = job.table.columns | derive(job.table.columns)
         top = int(t["strain"].argmax()) + 1
@@ -118,21 +127,21 @@ def draw(path: str, jobs: dict[str, Kept]) -> None:
         for part, style in ((slice(1, top), "-"), (slice(top - 1, None), "--")):
             look = {"linestyle": style, "color": f"C{number}", "lw": 1.0}
             label = name if style == "-" else None
-            axes[1, 0].plot(t["strain"][part], stress[part], label=label, **look)
-            axes[1, 1].plot(stress[part], t["void_ratio"][part], **look)
-            axes[1, 2].plot(stress[part], t["solid_share"][part], **look)
-            axes[1, 3].plot(t["strain"][part], whole[part], **look)
-    axes[1, 0].set(yscale="log", xlabel="ε = ln(H₀/H)", ylabel="σ/σ*")
-    axes[1, 1].set(xscale="log", xlabel="σ/σ*", ylabel="void ratio e")
-    axes[1, 2].set(xscale="log", xlabel="σ/σ*", ylabel="ΔV$_s$/ΔV", ylim=(-0.02, 0.6))
-    axes[1, 3].set(xlabel="ε", ylabel="V$_s$/V$_s$(0)")
-    axes[1, 0].legend(frameon=False, fontsize=6, handlelength=1.2)
-    for axis in axes[1]:
+            axes[0].plot(t["strain"][part], stress[part], label=label, **look)
+            axes[1].plot(stress[part], t["void_ratio"][part], **look)
+            axes[2].plot(stress[part], t["solid_share"][part], **look)
+            axes[3].plot(t["strain"][part], whole[part], **look)
+    axes[0].set(yscale="log", xlabel="ε = ln(H₀/H)", ylabel="σ/σ*")
+    axes[1].set(xscale="log", xlabel="σ/σ*", ylabel="void ratio e")
+    axes[2].set(xscale="log", xlabel="σ/σ*", ylabel="ΔV$_s$/ΔV", ylim=(-0.02, 0.6))
+    axes[3].set(xlabel="ε", ylabel="V$_s$/V$_s$(0)")
+    axes[0].legend(frameon=False, fontsize=6, handlelength=1.2)
+    for axis in axes:
         axis.spines[["top", "right"]].set_visible(False)
         axis.tick_params(labelsize=6)
         axis.xaxis.label.set_size(7)
         axis.yaxis.label.set_size(7)
-    figure.savefig(path, dpi=200)
+    figure.savefig(path, dpi=120)
 
 
 def main() -> None:

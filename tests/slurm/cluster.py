@@ -138,16 +138,60 @@ class Cluster:
         """Start the daemon of a node, also again."""
         self._start(node, "slurmd", "-D", "-f", str(self.conf), "-N", node, SLURMD_NODENAME=node)
 
-    def kill_node(self, node: str, *, with_jobs: bool) -> None:
-        """Kill the daemon of a node; its jobs die too, or go on unseen: orphans."""
-        mine = self.processes(node) if with_jobs else []
-        for pid in (self.daemons[node].pid, *mine):
-            _kill(pid)
-        self.daemons.pop(node).wait()
+    def kill_node(self, node: str) -> None:
+        """Kill the daemon of a node; its jobs go on unseen: orphans."""
+        daemon = self.daemons.pop(node)
+        _signal(daemon.pid, signal.SIGKILL)
+        daemon.wait()
+
+    def kill_node_of(self, array: int | None) -> str | None:
+        """Kill a node under a running task of an array, with all its jobs; return the node.
+
+        A task may end while one looks for it: its processes are stopped, looked at, and go on if
+        it had ended.
+        """
+        if not (node := self.running(array)):
+            return None
+        jobs = self.processes(node)
+        for pid in jobs:
+            _signal(pid, signal.SIGSTOP)
+        if self.running(array, node):
+            self.kill_node(node)
+            for pid in jobs:
+                _signal(pid, signal.SIGKILL)
+            return node
+        for pid in jobs:
+            _signal(pid, signal.SIGCONT)
+        return None
+
+    def revive(self) -> None:
+        """Start the daemons of killed nodes again, and let all nodes take jobs."""
+        for node in self.nodes:
+            if node not in self.daemons:
+                self.start_node(node)
+        wait_until(self._in_service, 60)
+
+    def _in_service(self) -> bool:
+        states = dict(
+            line.split() for line in self.ask("sinfo", "-h", "-N", "-o", "%N %T").splitlines()
+        )
+        away = [node for node, state in states.items() if state.strip("*") in {"down", "drained"}]
+        for node in away:
+            self.ask("scontrol", "update", f"NodeName={node}", "State=RESUME", check=False)
+        return not away
+
+    def start_jobs(self, partition: str, *, may: bool) -> None:
+        """Let jobs of a partition start, or wait."""
+        state = "UP" if may else "DOWN"
+        self.ask("scontrol", "update", f"PartitionName={partition}", f"State={state}")
 
     def give_up(self, node: str) -> None:
-        """Declare a dead node dead, as the controller does by itself after a while."""
-        self.ask("scontrol", "update", f"NodeName={node}", "State=DOWN", "Reason=dead")
+        """Declare a dead node dead, as the controller does by itself after a while.
+
+        The answer to an old question would bring it back to service, but not if it is drained.
+        """
+        for state in ("DRAIN", "DOWN"):
+            self.ask("scontrol", "update", f"NodeName={node}", f"State={state}", "Reason=dead")
 
     def processes(self, node: str | None = None) -> list[int]:
         """Return the processes of jobs of this cluster, or of one node: all that Slurm started."""
@@ -176,6 +220,13 @@ class Cluster:
         lines = self.ask("squeue", "-h", "-r", "-o", "%i %T").splitlines()
         return dict(line.split() for line in lines)
 
+    def running(self, array: int | None, node: str | None = None) -> str | None:
+        """Return the node of the first task of an array that runs (on this node)."""
+        where = ("-w", node) if node else ()
+        options = ("-h", "-r", "-t", "RUNNING", "-j", str(array), "-o", "%N")
+        lines = self.ask("squeue", *options, *where).split()
+        return lines[0] if lines else None
+
     def requeued(self) -> int:
         """Return how often jobs were put back into the queue because their node died."""
         return (self.folder / "slurmctld.log").read_text().count("due to failure of node")
@@ -188,10 +239,10 @@ class Cluster:
         """End all daemons and jobs, and remove the folder."""
         for name in [*self.nodes, "slurmctld", "munged"]:
             if daemon := self.daemons.pop(name, None):
-                _kill(daemon.pid)
+                _signal(daemon.pid, signal.SIGKILL)
                 daemon.wait()
         for pid in self.processes():
-            _kill(pid)
+            _signal(pid, signal.SIGKILL)
         wait_until(lambda: not self.processes())
         shutil.rmtree(self.folder)
 
@@ -211,6 +262,6 @@ def _free_ports(address: str, count: int) -> list[int]:
     return ports
 
 
-def _kill(pid: int) -> None:
+def _signal(pid: int, number: signal.Signals) -> None:
     with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGKILL)
+        os.kill(pid, number)

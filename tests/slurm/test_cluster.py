@@ -60,6 +60,14 @@ def user(cluster, tmp_path_factory):
     return {**new_environment(), **cluster.environment, "PYTHONPATH": path}
 
 
+@pytest.fixture(autouse=True)
+def undisturbed(cluster):
+    """Leave the cluster as it was, also where a test fails."""
+    yield
+    cluster.revive()
+    cluster.start_jobs("main", may=True)
+
+
 def write_one_job(folder, seconds):
     study = write_study(folder, seconds=seconds, replicates=1)
     study.write_text(study.read_text().replace("[0.01, 0.1, 1.0]", "[0.1]"))
@@ -126,15 +134,16 @@ def test_the_quick_study_survives_a_dead_node_and_is_reported(cluster, user, tmp
     shutil.copy(ROOT / "configs/quick.yaml", study)
     root = tmp_path / "results"
     given = ("submit", study, "--results", root, "--time", 10, "--max-tasks", 4)
+    cluster.start_jobs("main", may=False)  # or some may have ended before their node is killed
     code, output = run(user, *given)
     assert code == 0, output
     results = Results(root / "quick")
     first, second = tasks(results.folder)
     assert (first.tasks, first.offset) == ((0, 1, 2), 0)
     assert (second.tasks, second.offset) == ((3,), 3)
-    node = wait_until(lambda: running_on(cluster, first.job), SECONDS)
     before = cluster.requeued()
-    cluster.kill_node(node, with_jobs=True)
+    cluster.start_jobs("main", may=True)
+    node = wait_until(lambda: cluster.kill_node_of(first.job), SECONDS)
     code, output = run(user, *given)
     assert (code, "nothing to submit" in output) == (0, True), output
     wait_until(lambda: cluster.requeued() > before, SECONDS)
@@ -147,12 +156,6 @@ def test_the_quick_study_survives_a_dead_node_and_is_reported(cluster, user, tmp
 def all_ended(cluster, results):
     """Tell whether nothing of what was submitted for these results waits or runs."""
     return all(cluster.ended(str(each.job)) for each in slurm.submissions(results)[0])
-
-
-def running_on(cluster, array):
-    """Return the node of the first task of an array that runs."""
-    lines = cluster.ask("squeue", "-h", "-r", "-t", "RUNNING", "-j", str(array), "-o", "%N")
-    return lines.split()[0] if lines else None
 
 
 def working_on(cluster, node):
@@ -202,13 +205,13 @@ def test_orphans_of_a_dead_daemon_do_no_harm(cluster, user, tmp_path, fast_many)
     assert run({**user, "HELD_BY": str(held)}, *given)[0] == 0
     results = Results(tmp_path / "study")
     [array] = tasks(results.folder)
-    node = wait_until(lambda: running_on(cluster, array.job), SECONDS)
+    node = wait_until(lambda: cluster.running(array.job), SECONDS)
     wait_until(lambda: working_on(cluster, node), SECONDS)
     before = cluster.requeued()
-    cluster.kill_node(node, with_jobs=False)
+    cluster.kill_node(node)
     cluster.give_up(node)
     wait_until(lambda: cluster.requeued() > before, SECONDS)
-    other = wait_until(lambda: running_on(cluster, array.job), SECONDS)
+    other = wait_until(lambda: cluster.running(array.job), SECONDS)
     assert other != node
     wait_until(lambda: working_on(cluster, other), SECONDS)
     assert working_on(cluster, node)  # two live runs of one task

@@ -222,8 +222,8 @@ def hinged_area(strain: FloatArray) -> FloatArray:
 
 def crushed() -> Iterator[Crushed]:
     """Press a plastic ring ever more slowly, until that changes its force by less than `SLOWER`."""
-    before, rate, change = np.full(len(AT), np.inf), 0.01, np.inf
-    while change > SLOWER:
+    before, rate, change = np.full(len(AT), np.nan), 0.01, np.inf
+    while not change < SLOWER:
         run = compress(0.505, rate, 101, yield_moment=YIELD, unload=rate == 0.01)
         unit = 4 * YIELD * run.table["bending"][0] / run.table["radius"][0] ** 2
         run.table["force_unit"] = np.full(len(run.table["time"]), unit)
@@ -241,7 +241,7 @@ def plastic() -> Run:
     head("ε̇ T₁", *(f"ε = {e:g}" for e in AT), "changed by", "V/V₀: largest error")
     residual = 0.0
     for found in crushed():
-        change = "–" if np.isinf(found.change) else f"{100 * found.change:.2f} %"
+        change = "–" if np.isnan(found.change) else f"{100 * found.change:.2f} %"
         error = found.area[np.abs(found.area).argmax()]
         row(f"{found.rate:g}", *map(float, found.law), change, f"{error:+.4f}")
         residual = residual or 1 - found.run.table["height"][-1]

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.driving import Compaction
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
-from shear_sim.models.soft_particle.parameters import Compaction, SoftParticlePoint
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
 from shear_sim.models.soft_particle.system import System, Wall, ledger

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.driving import DiametralCompression
 from shear_sim.models.soft_particle.kernels import core_pressure
-from shear_sim.models.soft_particle.parameters import DiametralCompression, SoftParticlePoint
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.state import HOLLOW

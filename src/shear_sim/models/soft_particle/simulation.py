@@ -7,18 +7,25 @@ import numpy as np
 
 from shear_sim.models.interface import Columns, Snapshot
 from shear_sim.models.soft_particle import snapshots
+from shear_sim.models.soft_particle.beam import Beam
 from shear_sim.models.soft_particle.columns import COLUMNS
 from shear_sim.models.soft_particle.compaction import Compactor
 from shear_sim.models.soft_particle.diametral import Diametral
-from shear_sim.models.soft_particle.parameters import (
+from shear_sim.models.soft_particle.driving import (
+    Bending,
     Compaction,
     DiametralCompression,
-    SoftParticle,
+    OuterPressure,
     SoftParticleOscillatoryShear,
+    Tension,
+    Vibration,
+)
+from shear_sim.models.soft_particle.free_ring import Pressed, Vibrating
+from shear_sim.models.soft_particle.parameters import (
+    SoftParticle,
     SoftParticlePacking,
     SoftParticlePoint,
     SoftParticleRecord,
-    Tension,
 )
 from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.suspension import Suspension
@@ -40,6 +47,12 @@ class SoftParticleSimulation:
             self.run = Puller(self.point, shear, streams)
         elif isinstance(shear, SoftParticleOscillatoryShear):
             self.run = Suspension(self.point, shear, streams)
+        elif isinstance(shear, Bending):
+            self.run = Beam(self.point, shear)
+        elif isinstance(shear, OuterPressure):
+            self.run = Pressed(self.point, shear)
+        elif isinstance(shear, Vibration):
+            self.run = Vibrating(self.point, shear)
         else:
             self.run = Diametral(self.point, shear)
         self.done = 0

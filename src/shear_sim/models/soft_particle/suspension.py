@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 
 from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.driving import SoftParticleOscillatoryShear
 from shear_sim.models.soft_particle.packs import loose_discs
-from shear_sim.models.soft_particle.parameters import (
-    SoftParticleOscillatoryShear,
-    SoftParticlePoint,
-)
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
 from shear_sim.models.soft_particle.system import System, ledger

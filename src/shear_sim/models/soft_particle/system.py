@@ -360,6 +360,11 @@ class System:
         self.motion.gx[vertices] += fx
         self.motion.gy[vertices] += fy
 
+    def press(self, p: int, pressure: float) -> None:
+        """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on."""
+        self.chains.core_pressure[p] = pressure
+        self._forces(self.rules._replace(step=0.0))
+
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""
         first, end = self.chains.start[p : p + 2]

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from shear_sim.cell import Ints
 from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.models.soft_particle.bodies import Body
+from shear_sim.models.soft_particle.driving import Tension
 from shear_sim.models.soft_particle.links import energy_at_criterion
 from shear_sim.models.soft_particle.packs import touching_discs
-from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint, Tension
+from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint
 from shear_sim.models.soft_particle.rings import body, scales, shapes
 from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.system import System, ledger
@@ -84,7 +85,7 @@ class Puller(Scenario):
         self.start = made.height - 2.0 * half
         self.low = half
         rows = point.resolved().record.rows or 0
-        self.rows, self.strokes = rows + 1, shear.strokes
+        self.rows, self.strokes = rows + 1, 1
         way = self.start * math.expm1(shear.strain)
         self.speed = shear.relative_rate * self.start / self.unit.period
         longest = point.integrator.step * self.system.stable_step

@@ -63,8 +63,10 @@ def read_packs(results: Path) -> dict[str, Kept]:
     return {name: jobs[name] for name in KINDS if name in jobs}
 
 
-def report(name: str, summary: Summary) -> None:
-    measured, cells = summary["measured"], [name]
+def report(name: str, summary: Summary) -> list[str]:
+    """Return the column of a job in the table."""
+    given, measured = summary["parameters"]["packing"], summary["measured"]
+    cells = [str(given["particles"])]
     goals = GOALS[name]
     if name != "plastic":
         goals = goals | {"compressibility_index": ELASTIC_INDEX}
@@ -79,11 +81,10 @@ def report(name: str, summary: Summary) -> None:
             verdict = "holds" if low <= value <= high else "misses"
             text += f" ({verdict}: {low:g} to {high:g})"
         cells.append(text)
-    vertices = summary["parameters"]["packing"]["particles"]
-    vertices *= summary["parameters"]["packing"]["vertices"]
-    run = summary["run"]
-    cost = run["cpu_s"] / summary["derived"]["steps"] / vertices * 1e9
-    print("| " + " | ".join([*cells, f"{run['cpu_s']:.0f}", f"{cost:.0f}"]) + " |", flush=True)
+    seconds = summary["run"]["cpu_s"]
+    vertices = given["particles"] * given["vertices"]
+    cost = seconds / summary["derived"]["steps"] / vertices * 1e9
+    return [*cells, f"{seconds:.0f}", f"{cost:.0f}"]
 
 
 def shapes(axis: Axes, kept: Kept, height: float) -> PolyCollection:
@@ -135,7 +136,9 @@ def draw(path: str, jobs: dict[str, Kept]) -> None:
     axes[1].set(xscale="log", xlabel="σ/σ*", ylabel="void ratio e")
     axes[2].set(xscale="log", xlabel="σ/σ*", ylabel="ΔV$_s$/ΔV", ylim=(-0.02, 0.6))
     axes[3].set(xlabel="ε", ylabel="V$_s$/V$_s$(0)")
-    axes[0].legend(frameon=False, fontsize=6, handlelength=1.2)
+    handles, labels = axes[0].get_legend_handles_labels()
+    below.legend(handles, labels, loc="outside lower center", ncols=len(KINDS), frameon=False,
+                 fontsize=7)  # fmt: skip
     for axis in axes:
         axis.spines[["top", "right"]].set_visible(False)
         axis.tick_params(labelsize=6)
@@ -150,13 +153,13 @@ def main() -> None:
     parser.add_argument("figure", help="path of the figure")
     given = parser.parse_args()
     jobs = read_packs(given.results)
-    rings = next(iter(jobs.values())).table.summary["parameters"]["packing"]["particles"]
-    print(f"# Compaction of {rings} soft particles, {len(jobs)} of {len(KINDS)} kinds\n")
+    print(f"# Compaction of soft particles, {len(jobs)} of {len(KINDS)} kinds\n")
+    print("| | " + " | ".join(jobs) + " |")
+    print("| --- " * (len(jobs) + 1) + "|")
+    columns = [report(name, job.table.summary) for name, job in jobs.items()]
     heads = ["particles", *SHOWN.values(), "CPU s", "ns per vertex and step"]
-    print("| " + " | ".join(heads) + " |")
-    print("| --- " * len(heads) + "|")
-    for name, job in jobs.items():
-        report(name, job.table.summary)
+    for head, *cells in zip(heads, *columns, strict=True):
+        print("| " + " | ".join([head, *cells]) + " |")
     draw(given.figure, jobs)
 
 

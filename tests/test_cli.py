@@ -8,7 +8,7 @@ import warnings
 from importlib.metadata import version
 
 import pytest
-from tools import run, write_study
+from tools import here, run, write_study
 from typer.testing import CliRunner
 
 from shear_sim import cli, status
@@ -90,7 +90,7 @@ def test_a_sweep_reports_failures_and_where_to_look_next(swept):
 def test_plan_and_dry_run_are_the_same_and_write_nothing(swept, tmp_path):
     folder, env, _ = swept
     study = folder / "study.yaml"
-    code, planned = run(env, "plan", study, "--results", tmp_path / "new")
+    code, planned = here("plan", study, "--results", tmp_path / "new")
     assert code == 0
     assert "6 jobs: 6 new" in planned
     assert run(env, "sweep", study, "--results", tmp_path / "new", "--dry-run") == (0, planned)
@@ -98,16 +98,16 @@ def test_plan_and_dry_run_are_the_same_and_write_nothing(swept, tmp_path):
 
 
 def test_plan_as_json(swept):
-    folder, env, _ = swept
+    folder, *_ = swept
     arguments = ("plan", folder / "study.yaml", "--results", folder / "results", "--json")
-    code, output = run(env, *arguments)
+    code, output = here(*arguments)
     plan = json.loads(output)
     assert code == 0
     assert (plan["jobs"], plan["done"], plan["new"], plan["orphans"]) == (6, 3, 0, 0)
     assert plan["again"] == []
     assert {failure["kind"] for failure in plan["waiting"]} == {"physics"}
     assert plan["estimate"]["measured_jobs"] == 3
-    again = json.loads(run(env, *arguments, "--retry-failed", "--shard", "0/2")[1])
+    again = json.loads(here(*arguments, "--retry-failed", "--shard", "0/2")[1])
     assert again["shard"] == [0, 2]
     assert again["jobs"] == 3
     assert again["estimate"]["cpu_s"] > 0
@@ -115,15 +115,13 @@ def test_plan_as_json(swept):
 
 
 def test_status_for_people_and_for_scripts(swept):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = folder / "results/study"
-    code, output = run(env, "status", results)
+    code, output = here("status", results)
     assert code == 0
     assert "3 of 6 jobs done, 3 failed, 0 missing" in output
     assert "the spring broke" in output
-    code, output = run(
-        env, "status", folder / "study.yaml", "--results", folder / "results", "--json"
-    )
+    code, output = here("status", folder / "study.yaml", "--results", folder / "results", "--json")
     status = json.loads(output)
     assert (status["planned"], status["done"], status["missing"]) == (6, 3, 0)
     assert len(status["failed"]) == 3
@@ -131,7 +129,7 @@ def test_status_for_people_and_for_scripts(swept):
 
 
 def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = Results(tmp_path / "results/study")
     shutil.copytree(folder / "results/study", results.folder)
     for path in results.jobs.iterdir():
@@ -139,36 +137,36 @@ def test_results_that_are_all_damaged_are_said_and_stop_nothing(swept, tmp_path)
     results.index_file.unlink(missing_ok=True)
     study = (folder / "study.yaml", "--results", tmp_path / "results")
     for command, code in (("plan", 0), ("sweep", 1), ("status", 0)):
-        ended, output = run(env, command, *study)
+        ended, output = here(command, *study)
         assert ended == code, output
         assert "warning: 3 damaged result file(s) left out" in output
         assert f"`shear-sim verify {results.folder} --remove` sets them aside, then" in output
         assert "3 done" in output or "3 of 6 jobs done" in output
-    assert json.loads(run(env, "status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
+    assert json.loads(here("status", *study, "--json")[1].split("\n", 1)[1])["cpu_s"] == 0
 
 
 def test_a_damaged_result_is_said_once(swept, tmp_path):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = Results(tmp_path / "study")
     shutil.copytree(folder / "results/study", results.folder)
     path = results.job_file(min(results.finished()))
     path.write_bytes(path.read_bytes()[:-5])
-    code, output = run(env, "report", results.folder)
+    code, output = here("report", results.folder)
     assert (code, output.count("damaged result")) == (0, 1), output
 
 
 def test_show_a_result_and_a_failure(swept):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = Results(folder / "results/study")
     job = min(results.finished())
     root = ("--results", folder / "results")
-    code, output = run(env, "show", job[:9], *root)
+    code, output = here("show", job[:9], *root)
     assert code == 0
     assert "shear.strain_amplitude" in output
-    code, output = run(env, "show", results.job_file(job), "--json")
+    code, output = here("show", results.job_file(job), "--json")
     assert json.loads(output) == read_summary(results.job_file(job))
     failed = min(results.failures())
-    code, output = run(env, "show", failed, *root)
+    code, output = here("show", failed, *root)
     assert code == 0
     assert "the spring broke" in output
 
@@ -176,7 +174,7 @@ def test_show_a_result_and_a_failure(swept):
 def test_the_jobs_of_a_study_are_listed_with_what_varies(swept, tmp_path):
     folder, env, _ = swept
     results = folder / "results/study"
-    code, output = run(env, "show", results)
+    code, output = here("show", results)
     assert code == 0
     names, *rows = [line.split() for line in output.splitlines()]
     assert names == ["job", "scene", "model.fault", "shear.strain_amplitude", "replicate", "state"]
@@ -184,12 +182,12 @@ def test_the_jobs_of_a_study_are_listed_with_what_varies(swept, tmp_path):
         ["base", fault, amplitude, "0", "done" if fault == "none" else "failed"]
         for fault in ("none", "physics") for amplitude in ("0.01", "0.1", "1")
     ]  # fmt: skip
-    listed = json.loads(run(env, "show", results, "--json")[1])
+    listed = json.loads(here("show", results, "--json")[1])
     assert [job["job"] for job in listed] == [row[0] for row in rows]
     assert {job["state"] for job in listed} == {"done", "failed"}
     run(env, "sweep", folder / "study.yaml", "--results", tmp_path, "--limit", "0")
-    assert run(env, "show", tmp_path / "study")[1].count("missing") == 6
-    code, output = run(env, "show", "abc", "--results", folder / "results")
+    assert here("show", tmp_path / "study")[1].count("missing") == 6
+    code, output = here("show", "abc", "--results", folder / "results")
     assert code == 2
     assert "`shear-sim show results/<study>` lists the jobs" in output
 
@@ -202,14 +200,14 @@ def test_a_folder_is_no_study_file(swept):
 
 
 def test_run_one_job_and_repeat_it(swept, tmp_path):
-    folder, env, _ = swept
+    folder, *_ = swept
     job = min(Results(folder / "results/study").finished())
     root = ("--results", tmp_path)
-    code, output = run(env, "run", folder / "study.yaml", "--job", job[:9], *root)
+    code, output = here("run", folder / "study.yaml", "--job", job[:9], *root)
     path = tmp_path / f"study/jobs/{job}.parquet"
     assert code == 0
     assert f"done: {path}" in output
-    code, output = run(env, "run", path, *root)
+    code, output = here("run", path, *root)
     assert code == 0
     assert f"the same bits as {path}" in output
     assert (tmp_path / f"repeated/jobs/{job}.parquet").exists()
@@ -218,14 +216,14 @@ def test_run_one_job_and_repeat_it(swept, tmp_path):
 def test_a_repeat_that_differs_says_where(swept, tmp_path):
     from shear_sim.tables import read_table, write_table
 
-    folder, env, _ = swept
+    folder, *_ = swept
     results = Results(folder / "results/study")
     job = min(results.finished())
     columns, summary = read_table(results.job_file(job))
     columns = {**columns, "strain": columns["strain"] * (1 + 1e-15)}
     fields = [(name, "1", "") for name in columns]
     write_table(tmp_path / f"{job}.parquet", columns, fields, summary)
-    code, output = run(env, "run", tmp_path / f"{job}.parquet", "--results", tmp_path)
+    code, output = here("run", tmp_path / f"{job}.parquet", "--results", tmp_path)
     assert code == 1
     assert "differs: column strain" in output
     assert "not the same bits" in output
@@ -233,21 +231,21 @@ def test_a_repeat_that_differs_says_where(swept, tmp_path):
 
 @pytest.mark.parametrize("command", ["run", "show"])
 def test_other_tables_are_no_results_of_jobs(command, swept):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = folder / "results/study"
-    run(env, "aggregate", results, "--no-figures")
+    here("aggregate", results, "--no-figures")
     for name in ("index.parquet", "plan.parquet", "tables/runs.parquet"):
-        code, output = run(env, command, results / name, "--results", folder)
+        code, output = here(command, results / name, "--results", folder)
         assert code == 2
         assert f"shear-sim: {results / name}: not a result file of a job" in output
 
 
 def test_tables_that_cannot_be_written_are_shown_all_the_same(swept, tmp_path):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = tmp_path / "study"
     shutil.copytree(folder / "results/study", results, ignore=shutil.ignore_patterns("tables"))
     (results / "tables").write_text("in the way of the folder, for root too")
-    code, output = run(env, "aggregate", results)
+    code, output = here("aggregate", results)
     assert code == 2
     assert "PARTIAL STUDY: 3 of 6 runs" in output
     *_, last = output.splitlines()
@@ -256,11 +254,11 @@ def test_tables_that_cannot_be_written_are_shown_all_the_same(swept, tmp_path):
 
 
 def test_run_records_a_failure(swept, tmp_path):
-    folder, env, _ = swept
+    folder, *_ = swept
     failed = min(Results(folder / "results/study").failures())
     arguments = ("run", folder / "study.yaml", "--job", failed, "--results", tmp_path)
     for tries in (1, 2, 3):
-        code, output = run(env, *arguments)
+        code, output = here(*arguments)
         assert code == 1
         assert f"failed: job {failed} (physics): the spring broke" in output
         recorded = Results(tmp_path / "study").failures()
@@ -359,30 +357,30 @@ def test_verify_names_what_is_damaged_and_sets_it_aside_when_told(swept, tmp_pat
     folder, env, _ = swept
     results = Results(tmp_path / "results/study")
     shutil.copytree(folder / "results/study", results.folder)
-    assert run(env, "verify", results.folder) == (0, "3 results, 0 damaged\n")
+    assert here("verify", results.folder) == (0, "3 results, 0 damaged\n")
     path = results.job_file(min(results.finished()))
     content = bytearray(path.read_bytes())
     content[200] ^= 1
     path.write_bytes(content)
-    code, output = run(env, "verify", results.folder)
+    code, output = here("verify", results.folder)
     assert code == 1
     assert f"damaged: {path}: damaged: its checksum is wrong\n" in output
     assert path.exists()
     what_to_do = f"`shear-sim verify {results.folder} --remove` sets it aside, then"
     for command in ("show", "run", "render"):
-        code, shown = run(env, command, path, "--results", tmp_path)
+        code, shown = here(command, path, "--results", tmp_path)
         assert (code, what_to_do in shown) == (2, True), shown
-    code, output = run(env, "verify", results.folder, "--remove")
+    code, output = here("verify", results.folder, "--remove")
     assert code == 1
     assert "3 results, 1 damaged\nnext: shear-sim sweep STUDY.yaml\n" in output
     assert (results.folder / "damaged" / path.name).read_bytes() == content
     code, output = run(env, "sweep", folder / "study.yaml", "--results", tmp_path / "results")
     assert "6 jobs: 1 new, 2 done, 3 failed" in output
-    assert run(env, "verify", results.folder)[0] == 0
+    assert here("verify", results.folder)[0] == 0
 
 
 def test_results_of_a_newer_version_are_refused(swept, tmp_path):
-    folder, env, _ = swept
+    folder, *_ = swept
     results = Results(tmp_path / "results/study")
     shutil.copytree(folder / "results/study", results.folder)
     table, summary = results.plan()
@@ -397,14 +395,14 @@ def test_results_of_a_newer_version_are_refused(swept, tmp_path):
         ("show", job),
         ("run", job, "--results", tmp_path),
     ):
-        code, output = run(env, *command)
+        code, output = here(*command)
         assert code == 2, output
         assert "made by a newer version of shear-sim (format 2; this one reads 1)" in output
 
 
 def test_watching_ends_when_nothing_is_missing(swept):
-    folder, env, _ = swept
-    code, output = run(env, "status", folder / "results/study", "--watch")
+    folder, *_ = swept
+    code, output = here("status", folder / "results/study", "--watch")
     assert code == 0
     assert output.count("3 of 6 jobs done, 3 failed, 0 missing") == 1
 

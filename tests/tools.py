@@ -1,14 +1,20 @@
 """Studies of the stand-in model and the processes that run them."""
 
+import io
 import os
+import signal
 import subprocess
 import sys
 import time
 import uuid
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import kelvin_voigt  # noqa: F401 - makes the model known
+import pytest
 
+from shear_sim import cli
 from shear_sim.single import differences
 from shear_sim.tables import read_table
 
@@ -50,6 +56,29 @@ def run(environment, *arguments):
     process = start(environment, *arguments)
     output, _ = process.communicate(timeout=300)
     return process.returncode, output
+
+
+def here(*arguments):
+    """Return exit code and output of a command in this process, which has its libraries loaded."""
+
+    def show_warning(*warning):
+        shown.write(warnings.formatwarning(*warning[:4]))
+
+    shown = io.StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patched,
+        redirect_stdout(shown),
+        redirect_stderr(shown),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("default")
+        patched.setattr(warnings, "showwarning", show_warning)
+        patched.setattr(warnings, "formatwarning", warnings.formatwarning)
+        patched.setattr(signal, "signal", lambda *_: None)
+        patched.setattr(sys, "argv", ["shear-sim", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    return ended.value.code, shown.getvalue()
 
 
 def processes(environment):

@@ -32,7 +32,7 @@ STUDIES = {
     "soft_particle_compaction": "soft_particle_box",
 }
 SIDE = 1.75  # inches
-BOX = 120  # soft particles, of the 500
+BOX = 120  # soft particles at most, of the 500
 #: Snapshots in a unit of the protocol, where a study says nothing.
 OFTEN = {
     "oscillatory": 20,
@@ -74,7 +74,8 @@ def job_of(points: list[StudyPoint], wanted: dict[str, Any], seed: int) -> Job:
     often = point.record.snapshots or OFTEN[point.shear.kind]
     changed = {"record": point.record.model_copy(update={"snapshots": often})}
     if point.shear.kind == "compaction":
-        changed["packing"] = point.packing.model_copy(update={"particles": BOX})
+        fewer = {"particles": min(BOX, point.packing.particles)}
+        changed["packing"] = point.packing.model_copy(update=fewer)
     return Job.create(point.model_copy(update=changed), seed, 0)
 
 

@@ -4,10 +4,10 @@
 
 506 rings of 24 vertices, hexagonal and pressed together by 1.5 %, each turned at random, with
 cores, dashpots and four walls: three vertices of ten touch another ring at the start, one of seven
-when they are timed. Times are of the CPU, the
-least of five of 300 steps each; with and without friction and links side by side. The limit is
-what the divisions, roots, vector operations, single stores and memory of our method take at least,
-where nothing waits for anything, as `analysis/benchmarks/limit.py` measures this machine.
+when they are timed. Times are of the CPU, the least of five of 300 steps each; with and without
+friction and links side by side. The limit is what the divisions, roots, vector operations, single
+stores and memory of our method take at least, where nothing waits for anything, as
+`analysis/benchmarks/limit.py` measures this machine.
 """
 
 import argparse

@@ -69,7 +69,10 @@ def test_what_a_compaction_measures(elastic):
     pressed = table["strain"] > 0.15
     assert table["stress_floor"][pressed] == pytest.approx(stress[pressed], rel=0.2)
     unit = elastic.run.unit
-    assert table["stress_yy_per_bending"] == pytest.approx(stress * 1e-6 / unit.hinge)
+    for way in ("xx", "yy"):
+        scaled = table[f"stress_{way}"] * 1e-6 / unit.hinge
+        assert table[f"stress_{way}_per_bending"] == pytest.approx(scaled)
+        assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
     derived = soft_particle.derive(table)
     assert derived["void_ratio"][top] < 0.2 < derived["void_ratio"][0] < 0.6
     measured = elastic.summary()["measured"]

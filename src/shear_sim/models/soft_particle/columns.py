@@ -21,6 +21,8 @@ COLUMNS = (
     Column("scaled_force", "1", "F R²/(E I)"),
     Column("stress_yy_per_modulus", "1", "stress_yy / E"),
     Column("stress_yy_per_bending", "1", "stress_yy / (k_b/R²)"),
+    Column("stress_xx_per_modulus", "1", "stress_xx / E"),
+    Column("stress_xx_per_bending", "1", "stress_xx / (k_b/R²)"),
     Column("stress_xy_per_modulus", "1", "stress_xy / E"),
     Column("stress_xy_per_bending", "1", "stress_xy / (k_b/R²)"),
     Column("core_pressure", "Pa", "pressure of the core above that at rest"),

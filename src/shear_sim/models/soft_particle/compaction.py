@@ -101,15 +101,18 @@ class Compactor(Scenario):
         system, width = self.system, self.width
         height = -float(system.walls.position[LID])
         stress = self._stress(LID, width)
+        sides = 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height))
         solid, circularity = shapes(system.chains, system.motion)
         return {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": math.log(self.start / height),
             "stress_yy": stress,
-            "stress_xx": 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height)),
+            "stress_xx": sides,
             "stress_floor": self._stress(FLOOR, width),
             "stress_yy_per_modulus": stress / self.modulus,
             "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
+            "stress_xx_per_modulus": sides / self.modulus,
+            "stress_xx_per_bending": sides * self.radius**2 / self.unit.hinge,
             "box_area": width * height,
             "solid_area": solid,
             "circularity": circularity,

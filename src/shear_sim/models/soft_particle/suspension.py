@@ -108,6 +108,8 @@ class Suspension(Scenario):
             "stress_xy": xy,
             "stress_yx": yx,
             "stress_yy": yy,
+            "stress_xx_per_modulus": xx / self.modulus,
+            "stress_xx_per_bending": xx / bending,
             "stress_xy_per_modulus": xy / self.modulus,
             "stress_xy_per_bending": xy / bending,
             "stress_yy_per_modulus": yy / self.modulus,

@@ -87,7 +87,8 @@ def job_of(points: list[StudyPoint], wanted: dict[str, Any], seed: int) -> Job:
     often = point.record.snapshots or OFTEN[point.shear.kind]
     changed = {"record": point.record.model_copy(update={"snapshots": often})}
     if point.shear.kind in {"compaction", "tension"}:
-        changed["packing"] = point.packing.model_copy(update={"particles": MOST})
+        fewer = {"particles": min(MOST, point.packing.particles)}
+        changed["packing"] = point.packing.model_copy(update=fewer)
     return Job.create(point.model_copy(update=changed), seed, 0)
 
 

@@ -3,25 +3,76 @@
 .venv/bin/python analysis/soft_speed.py
 
 506 rings of 24 vertices, hexagonal and pressed together by 1.5 %, each turned at random, with
-cores, dashpots and four walls: half of the vertices touch another ring. Times are of the CPU, the
-least of five of 300 steps each; with and without friction and links side by side.
+cores, dashpots and four walls: three vertices of ten touch another ring at the start, one of seven
+when they are timed. Times are of the CPU, the least of five of 300 steps each; with and without
+friction and links side by side. The limit is what the divisions, roots, vector operations, single
+stores and memory of our method take at least, where nothing waits for anything, as
+`analysis/benchmarks/limit.py` measures this machine.
 """
 
 import argparse
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from benchmarks.limit import Machine, measure
 
 from shear_sim.models.soft_particle import motion as steps
 from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
-from shear_sim.models.soft_particle.contacts import contact_forces, wall_forces
+from shear_sim.models.soft_particle.contacts import contact_forces, find_touching, wall_forces
 from shear_sim.models.soft_particle.kernels import shell_forces
 from shear_sim.models.soft_particle.links import link_forces
 from shear_sim.models.soft_particle.system import System, Wall
 
 COLUMNS, ROWS, VERTICES, THICKNESS = 22, 23, 24, 0.1
 STEPS, ROUNDS = 300, 5
+
+
+class Count(NamedTuple):
+    """What is to be done once, counted in the code of the kernels."""
+
+    divisions: int
+    roots: int
+    operations: int  # others, of vectors
+    stores: int  # of single numbers
+    numbers: int  # read from memory or written to it
+
+
+#: Of a vertex: bars, hinges and core; two kicks and a move; four walls. Of its dashpots.
+VERTEX, DASHPOTS = Count(6, 1, 85 + 38 + 20, 0, 56), Count(1, 0, 72, 0, 6)
+#: Of a listed pair of vertex and segment; of one that touches, and of friction there; of a link.
+LISTED, TOUCHING = Count(0, 0, 30, 1, 5), Count(3, 2, 55, 6, 0)
+FRICTION, LINK = Count(3, 1, 110, 23, 0), Count(8, 3, 90, 12, 12)
+
+
+def limit(system: System, machine: Machine) -> float:
+    """Return the least time of a step [ns per vertex]."""
+    vertices = len(system.motion.x)
+    listed = len(system.lists.vertex) / vertices
+    touching = find_touching(
+        system.motion.x, system.motion.y, system.work.scratch[0], system.work.scratch[1],
+        system.lists.vertex, system.lists.segment, system.lists.kind, system.lists.reach,
+        system.lists.shift[0], system.lists.shift[1], system.lists.touching,
+    ) / vertices  # fmt: skip
+    counts = [(1.0, VERTEX), (listed, LISTED), (touching, TOUCHING)]
+    counts += [(1.0, DASHPOTS)] if system.damped else []
+    counts += [(touching, FRICTION)] if system.rules.friction > 0.0 else []
+    counts += [(len(system.links.vertex) / vertices, LINK)]
+    numbers = sum(share * count.numbers for share, count in counts)
+    size = np.log(8.0 * numbers * vertices)
+    memory = 8.0 * numbers * float(np.interp(size, np.log(machine.sizes), machine.byte))
+    work = sum(
+        share
+        * (
+            count.divisions * machine.division
+            + count.roots * machine.root
+            + count.operations * machine.operation
+            + count.stores * machine.store
+        )
+        for share, count in counts
+    )
+    return 1e9 * max(work, memory)
 
 
 def packed(friction: float, linked: bool, damped: bool = True) -> System:
@@ -67,8 +118,10 @@ def least(call: Callable[[], object], vertices: int, calls: int = 1) -> float:
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
-    print("| | step, all in all | shells | contacts | walls | links | kicks and moves | lists |")
-    print("| --- " * 8 + "|")
+    machine = measure()
+    heads = ("step, all in all", "limit", "shells", "contacts", "walls", "links", "kicks and moves")
+    print("| | " + " | ".join((*heads, "lists")) + " |")
+    print("| --- " * (len(heads) + 2) + "|")
     for name, friction, linked, damped in (
         ("elastic", 0.0, False, False),
         ("with dashpots and drag", 0.0, False, True),
@@ -111,9 +164,8 @@ def main() -> None:
                if damped else 0.0),
             least(s._list, n),  # once in some hundred steps
         )  # fmt: skip
-        print(
-            f"| {name} | {whole:.0f} | " + " | ".join(f"{p:.1f}" for p in parts) + " |", flush=True
-        )
+        cells = [f"{whole:.0f}", f"{limit(s, machine):.0f}", *(f"{part:.1f}" for part in parts)]
+        print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

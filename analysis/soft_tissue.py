@@ -64,12 +64,17 @@ class Curve(NamedTuple):
         slope = float(np.polyfit(self.strain[part], self.stress[part], 1)[0])
         return float(self.strain[high[0]]), float(self.strain[high[-1]]), slope
 
-    def drops(self) -> FloatArray:
-        """Falls of the stress, each from a maximum to the next minimum, over the largest stress."""
+    def drops(self) -> tuple[FloatArray, FloatArray]:
+        """Falls of the stress, each from a maximum to the next minimum.
+
+        Over the largest stress, and over the stress that each begins at.
+        """
         turns = np.flatnonzero(np.diff(np.sign(np.diff(self.stress)))) + 1
         levels = self.stress[np.concatenate([[0], turns, [len(self.stress) - 1]])]
-        falls = -np.diff(levels) / self.stress[self.peak]
-        return np.asarray(falls[falls > DROP])
+        levels = levels / self.stress[self.peak]
+        falls = -np.diff(levels)
+        large = (falls > DROP) & (levels[:-1] > DROP)
+        return falls[large], (falls / levels[:-1])[large]
 
 
 def curve(kept: Kept) -> Curve:
@@ -97,11 +102,10 @@ def goals(jobs: dict[str, Kept]) -> Iterator[tuple[str, str, str, bool]]:
     flat = abs(slope) / plastic.initial()
     yield (f"plastic tissue: slope for ε = {first:.2g} to {last:.2g} / at the start", "10 %",
            f"{100 * flat:.1f} %", flat < 0.1)  # fmt: skip
-    drops = plastic.drops()
-    half = len(drops) // 2
-    early, later = drops[:half].mean(), drops[half:].mean()
-    yield ("plastic tissue: mean fall of the stress, earlier and later half of falls", "grow",
-           f"{100 * early:.0f} %, {100 * later:.0f} % of the peak", later > early)  # fmt: skip
+    for drops, of in zip(plastic.drops(), ("the peak", "the stress before"), strict=True):
+        early, later = drops[: len(drops) // 2].mean(), drops[len(drops) // 2 :].mean()
+        yield (f"plastic tissue: mean fall over {of}, earlier and later half of falls", "grow",
+               f"{100 * early:.0f} %, {100 * later:.0f} %", later > early)  # fmt: skip
     for name, each in curves.items():
         missing = each.measured["energy_missing_ratio"]
         yield f"{name} tissue: energy missing / work", "1e-4", f"{missing:.1e}", missing < 1e-4

@@ -62,7 +62,7 @@ def sandbox(tmp_path_factory):
     """A folder with small studies of the names in the manual, the main one run, and old runs."""
     folder = tmp_path_factory.mktemp("manual")
     (folder / "configs").mkdir()
-    for name in ("main", "quick", "film", "soft_tissue"):
+    for name in ("main", "quick", "film", "soft_tissue", "soft_beam", "soft_free_ring"):
         (folder / f"configs/{name}.yaml").write_text(SMALL)
     study = folder / "configs/main.yaml"
     code, output = run(new_environment(), "sweep", study, "--results", folder / "results")

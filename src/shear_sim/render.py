@@ -224,6 +224,14 @@ def _stage(kept: Kept, colour: str, contacts: str | None) -> Iterator[_Stage]:
 def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatArray]]:
     """Return what is drawn beside the particles, (values, label) each, and against what."""
     columns, protocol = kept.table.columns, kept.table.summary["protocol"]
+    if "deflection_ratio" in columns:
+        bent = (columns["deflection_ratio"], "deflection / that of a continuous beam")
+        return [bent], ("time [s]", columns["time"])
+    if "ovality" in columns:
+        oval = [(columns["ovality"], "ovality a/R")]
+        if "outer_pressure_ratio" in columns:
+            return oval, ("pressure $p R^3/EI$", columns["outer_pressure_ratio"])
+        return oval, ("time [s]", columns["time"])
     if "force" in columns:
         return [(columns["force"], "force on a plate [N/m]")], (
             "compression",

@@ -230,11 +230,10 @@ def _methods(tables: "Mapping[str, pd.DataFrame]") -> Iterator[str]:
             "<p>Shear stress and viscosity in steady shear are means over the late half of the "
             "strain.</p>"
         )
-    of_model = {"compression", "self_propelled", "diametral_compression", "compaction", "tension"}
-    if of_model & tables.keys():
+    if tables.keys() & {*POINT_TABLES.values()} - {"curves", "steady"}:
         yield (
-            "<p>Quantities in compression and of discs that propel themselves are means over "
-            "replicates of what the model measures in each run.</p>"
+            "<p>Quantities in other tables with a row per point are means over replicates of what "
+            "the model measures in each run.</p>"
         )
     points = next(tables[name] for name in POINT_TABLES.values() if name in tables)
     level, resamples, seed = (

@@ -27,6 +27,9 @@ _SHOWN = {
     "stages": {"final_packing_fraction": "φ"},
     "diametral_compression": {"final_scaled_force": "F R²/EI", "final_area_ratio": "V/V₀"},
     "compaction": {"final_stress_per_bending": "σ R²/k_b", "final_void_ratio": "e"},
+    "bending": {"final_deflection_ratio": "δ/δ_th"},
+    "pressure": {"bulk_modulus_ratio": "K/K_th", "buckling_pressure_ratio": "p R³/EI"},
+    "vibration": {"frequency_ratio": "ω/ω₁", "energy_drift": "drift"},
     "tension": {"peak_stress_per_bending": "σ R²/k_b", "rupture_strain": "ε"},
 }
 #: Of features and contrasts: (landmark, quantity) and heading.

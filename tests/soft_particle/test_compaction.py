@@ -69,13 +69,34 @@ def test_what_a_compaction_measures(elastic):
     pressed = table["strain"] > 0.15
     assert table["stress_floor"][pressed] == pytest.approx(stress[pressed], rel=0.2)
     unit = elastic.run.unit
-    assert table["stress_yy_per_bending"] == pytest.approx(stress * 1e-6 / unit.hinge)
+    for way in ("xx", "yy"):
+        scaled = table[f"stress_{way}"] * 1e-6 / unit.hinge
+        assert table[f"stress_{way}_per_bending"] == pytest.approx(scaled)
+        assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
     derived = soft_particle.derive(table)
     assert derived["void_ratio"][top] < 0.2 < derived["void_ratio"][0] < 0.6
     measured = elastic.summary()["measured"]
     assert measured["unloaded_void_ratio"] == pytest.approx(measured["start_void_ratio"], abs=0.02)
     assert measured["solid_share_at_unit"] > 0.1
     assert 0.05 < measured["compressibility_index"] < 0.2
+
+
+def test_a_lid_sends_no_front_through_the_pack():
+    """Particles that barely touch bear the same at lid and floor from the first, some 1e-2 σ*.
+
+    If the lid alone set out, it would push ρ V² over their slack, 0.05 σ*, and the floor nothing.
+    """
+    run = finished(
+        point(
+            packing={"particles": 30}, record={"rows": 20},
+            shear={"strain": 0.02, "relative_rate": 0.01, "unload": False},
+        )
+    )  # fmt: skip
+    table = run.columns()
+    unit = 0.5 * run.run.unit.hinge / run.run.radius**2
+    lid, floor = table["stress_yy"].mean() / unit, table["stress_floor"].mean() / unit
+    assert 0.0 < lid < 0.03
+    assert 0.0 < floor < 0.03
 
 
 def test_area_of_particles_is_that_of_their_outlines(elastic):
@@ -157,12 +178,15 @@ def test_damping_inside_slows_no_particle():
 
 
 def test_rings_that_fell(tmp_path):
-    """At rest in the box, and without weight; the job runs, and its table is whole."""
+    """At rest but for what the lid gives them, without weight; the job's table is whole."""
     given = point(packing={"preparation": "gravity"}, shear={"strain": 0.1, "unload": False})
     simulation = soft_particle.start(given, Streams(3, 0))
-    system_ = simulation.run.system
-    assert system_.kinetic() < 1e-3 * system_.rules.stiffness * system_.chains.radius[0] ** 2
-    assert np.abs(system_.motion.gy).max() == 0.0
+    run, system_ = simulation.run, simulation.run.system
+    motion = system_.motion
+    given_by_lid = -run.speed * motion.y / run.start
+    assert motion.vy == pytest.approx(given_by_lid, abs=1e-12 * run.speed)
+    assert np.abs(motion.vx).max() < 0.01 * run.speed
+    assert np.abs(motion.gy).max() == 0.0
     assert system_.rules.drag == 0.0
     result = read_job(run_job(Job.create(given, seed=3, replicate=0), tmp_path))
     assert result.columns["time"][0] == 0.0

@@ -7,6 +7,8 @@ import pytest
 from soft_particles import finished, points
 
 from shear_sim.models import soft_particle
+from shear_sim.models.interface import SimulationError
+from shear_sim.models.soft_particle import scenario
 from shear_sim.models.soft_particle.packs import loose_discs
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
@@ -51,7 +53,8 @@ def test_what_a_run_measures(boundary, tmp_path):
     wave = 0.2 * np.sin(2 * np.pi * table["time"] / period)
     assert table["strain"] == pytest.approx(wave, abs=1e-12)
     assert np.array_equal(table["shear_stress"], -table["stress_xy"])
-    assert table["stress_xy_per_modulus"] == pytest.approx(table["stress_xy"] / 1e6)
+    for way in ("xx", "xy", "yy"):
+        assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
 
     measured = summary["measured"]
     shares = [measured[f"{name}_loss_share"] for name in ("yield", "friction", "damping", "drag")]
@@ -85,6 +88,12 @@ def test_a_suspension_starts_pressed_together_and_at_rest():
     assert stress[0] == pytest.approx(stress[3], rel=0.2)
     assert stress[0] > 1.0
     assert abs(stress[1]) < 0.2 * stress[0]
+
+
+def test_rings_that_never_rest_are_refused(monkeypatch):
+    monkeypatch.setattr(scenario, "LONGEST_REST", 2)
+    with pytest.raises(SimulationError, match="not at rest 2 periods"):
+        soft_particle.start(point(), Streams(0, 0))
 
 
 def test_core_and_yield_change_the_moduli():

@@ -17,6 +17,10 @@ table                      one row per                          joins by
 ``stages``                 point of the plan, driven in stages  ``point``
 ``diametral_compression``  point of the plan, between plates    ``point``
 ``compaction``             point of the plan, under a lid       ``point``
+``tension``                point of the plan, between grips     ``point``
+``bending``                point of the plan, beams             ``point``
+``pressure``               point of the plan, pressed rings     ``point``
+``vibration``              point of the plan, vibrating rings   ``point``
 ``contact_laws``           compression of a pair, law
 =========================  ===================================  =============================
 
@@ -25,7 +29,7 @@ strain amplitude alone. Varied parameters are columns of ``runs``, ``curves``, `
 ``contrasts`` under their dotted keys of the study file; no other column has a dot. ``scene`` is
 sorted as in the study file. What a model measures by itself (`MEASURED` of
 `shear_sim.models.interface.Model`) is in ``runs`` and, where it is a number, in the tables from
-``steady`` to ``compaction``.
+``steady`` to ``vibration``.
 
 In ``curves`` everything is of the *mean response*: the harmonics of the runs are averaged over
 replicates first, and ratios such as tan δ and I3/I1 are formed after (see `response`). The mean of
@@ -46,6 +50,9 @@ POINT_TABLES = {
     "diametral_compression": "diametral_compression",
     "compaction": "compaction",
     "tension": "tension",
+    "bending": "bending",
+    "pressure": "pressure",
+    "vibration": "vibration",
 }
 
 #: All tables that `shear_sim.aggregate` may write.

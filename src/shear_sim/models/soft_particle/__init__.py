@@ -54,8 +54,13 @@ A plastic one follows DeRuntz & Hodge.
 Links pull but never push, which contacts do: where paper (39) lets pressure strengthen a link
 against shear, here it breaks at |f_t| = f_t⁰.
 
-Reading order: ``parameters``, ``diametral``, ``suspension``, ``system``, ``motion``, ``kernels``,
-``contacts``, ``friction``; then ``compaction``, ``tension``.
+**Beams and free rings.** A beam of n segments bends as n hinges do, F L³/3EI (1 + 1/2n²) if the
+hinge of its clamp is twice as stiff, and F L³/48EI (1 + 2/n²) supported at both ends; paper (16),
+(17) are of a load spread over it. A ring buckles under p = 3 EI/R³ from outside.
+
+Reading order: ``parameters``, ``driving``, ``scenario``, ``diametral``, ``suspension``, ``system``,
+``motion``, ``kernels``, ``contacts``, ``friction``; then ``compaction``, ``tension``, ``beam``,
+``free_ring``.
 """
 
 from collections.abc import Sequence
@@ -66,7 +71,7 @@ from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.streams import Streams
 
 POINT = SoftParticlePoint
-PHYSICS_VERSION = 2  # raised with any change of numbers; part of every job id
+PHYSICS_VERSION = 3  # raised with any change of numbers; part of every job id
 THREADS = False
 
 __all__ = [

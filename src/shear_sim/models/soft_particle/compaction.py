@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 
-from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.driving import Compaction
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
-from shear_sim.models.soft_particle.parameters import Compaction, SoftParticlePoint
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
+from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 from shear_sim.streams import Streams
 
@@ -15,13 +17,12 @@ UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)
 FEWEST = 5  # records of a line
 LOWEST = 0.03  # σ/σ* under which the pack has not set yet
 WEIGHT = 0.1  # weight of all rings / width / σ*, where they fall
-SYRUP = 0.05  # drag on vertices / (m ω₁) there
-STILL = 1e-4  # kinetic energy of rings at rest / (weight of all · R)
-LONGEST_FALL = 500  # periods T₁
+AIR = 0.01  # drag on vertices / (m ω₁) there
+FALLEN = 1e-6  # kinetic energy of rings that have fallen / (k_b · rings)
 LEFT, RIGHT, FLOOR, LID = range(4)
 
 
-class Compactor:
+class Compactor(Scenario):
     """The run: a lid at a constant speed, at first where it touches, in the end there again."""
 
     def __init__(self, point: SoftParticlePoint, shear: Compaction, streams: Streams) -> None:
@@ -64,37 +65,22 @@ class Compactor:
         self.steps = math.ceil(way / speed / longest * (1.0 - 1e-9))
         self.system.rules = self.system.rules._replace(step=way / speed / self.steps)
         self.speed = speed
+        # All of the pack sets out at once: no front runs through it from the lid.
+        self.system.motion.vy[:] = -speed * self.system.motion.y / top
         self.system.begin()
 
     def _settle(self) -> float:
-        """Let the rings fall, come to rest, and lose their weight; return the time it took [s].
-
-        Raises
-        ------
-        SimulationError
-            If they do not come to rest.
-        """
+        """Let the rings fall, come to rest, and lose their weight; return the time it took [s]."""
         system, unit = self.system, self.unit
         every = np.arange(len(system.motion.x))
         weight = WEIGHT * UNIT * unit.hinge / self.radius**2 * self.width / len(every)
-        still = STILL * weight * len(every) * self.radius
-        steps = math.ceil(unit.period / system.rules.step)
-        rules = system.rules
-        system.rules = rules._replace(drag=rules.drag + SYRUP * unit.mass * unit.frequency)
-        for load in (-weight, weight):  # put on, and taken off again
-            system.load(every, fy=load)
-            system.begin()
-            for _ in range(LONGEST_FALL):
-                system.advance(steps)
-                if system.kinetic() < still:
-                    break
-            else:
-                msg = (
-                    f"the rings are not at rest {LONGEST_FALL} periods of their slowest vibration "
-                    "after they fell: more inner_damping or contact_damping"
-                )
-                raise SimulationError(msg)
-        system.rules = rules
+        system.load(every, fy=-weight)
+        with more_drag(system, unit, AIR):
+            come_to_rest(system, unit, FALLEN)
+        with more_drag(system, unit):
+            come_to_rest(system, unit)
+            system.load(every, fy=weight)
+            come_to_rest(system, unit)
         return system.time
 
     def go_on(self) -> None:
@@ -115,15 +101,18 @@ class Compactor:
         system, width = self.system, self.width
         height = -float(system.walls.position[LID])
         stress = self._stress(LID, width)
+        sides = 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height))
         solid, circularity = shapes(system.chains, system.motion)
         return {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": math.log(self.start / height),
             "stress_yy": stress,
-            "stress_xx": 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height)),
+            "stress_xx": sides,
             "stress_floor": self._stress(FLOOR, width),
             "stress_yy_per_modulus": stress / self.modulus,
             "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
+            "stress_xx_per_modulus": sides / self.modulus,
+            "stress_xx_per_bending": sides * self.radius**2 / self.unit.hinge,
             "box_area": width * height,
             "solid_area": solid,
             "circularity": circularity,

@@ -5,9 +5,11 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.driving import DiametralCompression
 from shear_sim.models.soft_particle.kernels import core_pressure
-from shear_sim.models.soft_particle.parameters import DiametralCompression, SoftParticlePoint
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
+from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.state import HOLLOW
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 
@@ -17,7 +19,7 @@ PICTURE = 3.2  # side of what a snapshot shows, in radii of the ring
 FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
 
 
-class Diametral:
+class Diametral(Scenario):
     """The run: plates that touch the ring at the start, approach each other, and part again."""
 
     def __init__(self, point: SoftParticlePoint, shear: DiametralCompression) -> None:
@@ -107,10 +109,6 @@ class Diametral:
             "contact_ratio": float(np.ptp(top)) / diameter if len(top) else 0.0,
             "load_ratio": apart / diameter,
         } | ledger(energy)
-
-    def preparation(self) -> dict[str, float]:
-        """Return what is to be said of the start: nothing."""
-        return {}
 
     def measured(self, table: Columns) -> dict[str, float]:
         """Return what is kept of a whole run."""

@@ -6,8 +6,17 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from shear_sim.models.interface import Point
+from shear_sim.models.soft_particle.driving import (
+    Bending,
+    Compaction,
+    DiametralCompression,
+    SoftParticleOscillatoryShear,
+    SoftParticleShear,
+    Tension,
+    Vibration,
+)
 from shear_sim.protocol import Snapshots, check_snapshots
-from shear_sim.schema import PERCENT, Impossible, Positive, Section, default_kind
+from shear_sim.schema import PERCENT, Impossible, Positive, Section
 
 PACKING_FRACTION = 0.95  # of a suspension
 LARGEST_SPREAD = 2.5  # standard deviations at which radii are cut
@@ -188,106 +197,6 @@ class SoftParticle(Section):
     ] = None
 
 
-class DiametralCompression(Section):
-    """A ring between two plates that approach each other, and part again."""
-
-    kind: Literal["diametral_compression"] = "diametral_compression"
-    compression: Annotated[
-        float,
-        Field(
-            gt=0, le=0.8, description="ε = 1 − b/b₀ reached, b: mid-line to mid-line; section 4.1"
-        ),
-        PERCENT,
-    ] = 0.4
-    relative_rate: Annotated[
-        float,
-        Field(
-            gt=0, le=0.05, description="ε̇ T₁: compression in one period of the slowest mode; ours"
-        ),
-    ] = 0.005
-    unload: Annotated[bool, Field(description="let the plates part again; section 4.1")] = True
-
-    @property
-    def strokes(self) -> int:
-        """One, or there and back."""
-        return 2 if self.unload else 1
-
-
-class SoftParticleOscillatoryShear(Section):
-    """Oscillatory shear γ(t) = A sin(2π t/T) of a dense suspension, T = T₁ / relative_frequency."""
-
-    kind: Literal["oscillatory"]
-    strain_amplitude: Annotated[
-        float, Field(gt=0, le=5, description="A [-], not in percent; ours"), PERCENT
-    ] = 0.2
-    relative_frequency: Annotated[
-        float,
-        Field(
-            gt=0, le=1, description="f T₁ [-], T₁: period of the slowest vibration of a ring; ours"
-        ),
-    ] = 0.05
-    periods: Annotated[int, Field(ge=1, description="whole periods; ours")] = 3
-
-
-class Compaction(Section):
-    """A box of rings whose lid comes down at a constant speed, and goes up again."""
-
-    kind: Literal["compaction"]
-    strain: Annotated[
-        float, Field(gt=0, le=1, description="ε = ln(H₀/H) reached, at most; section 5"), PERCENT
-    ] = 0.3
-    largest_stress: Annotated[
-        float | None,
-        Field(
-            gt=0,
-            description="σ R²/k_b at which the lid turns before; σ/σ* is twice that; paper (37)",
-        ),
-    ] = None
-    relative_rate: Annotated[
-        float,
-        Field(gt=0, le=0.05, description="ε̇ T₁: strain in one period of the slowest mode; ours"),
-    ] = 0.003
-    unload: Annotated[bool, Field(description="let the lid go up to where it was; section 5")] = (
-        True
-    )
-
-    @property
-    def strokes(self) -> int:
-        """One, or there and back."""
-        return 2 if self.unload else 1
-
-
-class Tension(Section):
-    """A tissue between two grips, of which the upper one goes up at a constant speed."""
-
-    kind: Literal["tension"]
-    strain: Annotated[
-        float,
-        Field(gt=0, le=3, description="ε = ln(H/H₀) reached, H: between the grips; section 6"),
-        PERCENT,
-    ] = 0.3
-    relative_rate: Annotated[
-        float,
-        Field(
-            gt=0,
-            le=0.05,
-            description="ε̇ T₁ at the start: strain in one period of the slowest mode; ours",
-        ),
-    ] = 0.002
-
-    @property
-    def strokes(self) -> int:
-        """One: there is no way back."""
-        return 1
-
-
-SoftParticleShear = Annotated[
-    DiametralCompression | Compaction | Tension | SoftParticleOscillatoryShear,
-    Field(discriminator="kind"),
-    default_kind("diametral_compression"),
-]
-
-
 class SoftParticleIntegrator(Section):
     """Steps in time."""
 
@@ -306,7 +215,8 @@ class SoftParticleRecord(Section):
             ge=10,
             le=100_000,
             description="records; default 200 in diametral compression, 100 in compaction; twice "
-            "that if unloaded; 400 in tension, 200 per period in oscillatory shear",
+            "that if unloaded; 400 in tension, 200 per period in oscillatory shear, 20 in a "
+            "vibration, 50 in bending",
         ),
     ] = None
     snapshots: Snapshots = None
@@ -335,7 +245,9 @@ class SoftParticlePoint(Point):
         if isinstance(shear, SoftParticleOscillatoryShear):
             fraction = packing.packing_fraction or PACKING_FRACTION
             packing = packing.model_copy(update={"packing_fraction": fraction})
-        per_unit = {"compaction": 100, "tension": 400}.get(shear.kind, 200)
+        per_unit = {"compaction": 100, "tension": 400, "vibration": 20, "bending": 50}.get(
+            shear.kind, 200
+        )
         rows = self.record.rows or per_unit * self._units
         record = self.record.model_copy(update={"rows": rows})
         return self.model_copy(update={"record": record, "packing": packing})
@@ -344,9 +256,11 @@ class SoftParticlePoint(Point):
     def _units(self) -> int:
         """Periods, or strokes."""
         shear = self.shear
-        if isinstance(shear, SoftParticleOscillatoryShear):
+        if isinstance(shear, SoftParticleOscillatoryShear | Vibration):
             return shear.periods
-        return shear.strokes
+        if isinstance(shear, DiametralCompression | Compaction):
+            return shear.strokes
+        return 1
 
     @model_validator(mode="after")
     def _keep_snapshots_within_the_run(self) -> Self:
@@ -435,6 +349,9 @@ class SoftParticlePoint(Point):
         if self.model.core == "none" and self.model.core_ratio > 0:
             message = "a particle without a core has no core_ratio: leave one of both out"
             raise Impossible([(("model.core_ratio", "model.core"), message)])
+        if isinstance(self.shear, Bending) and self.model.core_ratio > 0:
+            message = "a beam is open and has no core: leave it out"
+            raise Impossible([(("model.core_ratio", "shear.kind"), message)])
         return self
 
     @model_validator(mode="after")

@@ -7,19 +7,27 @@ import numpy as np
 
 from shear_sim.models.interface import Columns, Snapshot
 from shear_sim.models.soft_particle import snapshots
+from shear_sim.models.soft_particle.beam import Beam
 from shear_sim.models.soft_particle.columns import COLUMNS
 from shear_sim.models.soft_particle.compaction import Compactor
 from shear_sim.models.soft_particle.diametral import Diametral
-from shear_sim.models.soft_particle.parameters import (
+from shear_sim.models.soft_particle.driving import (
+    Bending,
     Compaction,
     DiametralCompression,
-    SoftParticle,
+    OuterPressure,
     SoftParticleOscillatoryShear,
+    Tension,
+    Vibration,
+)
+from shear_sim.models.soft_particle.free_ring import Pressed, Vibrating
+from shear_sim.models.soft_particle.parameters import (
+    SoftParticle,
     SoftParticlePacking,
     SoftParticlePoint,
     SoftParticleRecord,
-    Tension,
 )
+from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.suspension import Suspension
 from shear_sim.models.soft_particle.tension import Puller
 from shear_sim.protocol import snapshot_rows
@@ -34,13 +42,19 @@ class SoftParticleSimulation:
     def __init__(self, point: SoftParticlePoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear
-        self.run: Diametral | Compactor | Puller | Suspension
+        self.run: Scenario
         if isinstance(shear, Compaction):
             self.run = Compactor(self.point, shear, streams)
         elif isinstance(shear, Tension):
             self.run = Puller(self.point, shear, streams)
         elif isinstance(shear, SoftParticleOscillatoryShear):
             self.run = Suspension(self.point, shear, streams)
+        elif isinstance(shear, Bending):
+            self.run = Beam(self.point, shear)
+        elif isinstance(shear, OuterPressure):
+            self.run = Pressed(self.point, shear)
+        elif isinstance(shear, Vibration):
+            self.run = Vibrating(self.point, shear)
         else:
             self.run = Diametral(self.point, shear)
         self.done = 0
@@ -62,8 +76,7 @@ class SoftParticleSimulation:
             self._records.append(self.run.record())
             if self.done in self._kept():
                 run = self.run
-                grips = run.grips() if isinstance(run, Puller) else None
-                taken = snapshots.take(run.system, self.done, run.frame, grips)
+                taken = snapshots.take(run.system, self.done, run.frame, run.planes())
                 self.snapshots.append(taken)
             self.done += 1
 
@@ -90,13 +103,11 @@ class SoftParticleSimulation:
             "shear_start": 0.0,
             "shear_end": time,
             "end": time,
-        }
+        } | self.run.protocol()
         checks: dict[str, float] = {}
         if np.isfinite(system.work.closest).any():
             checks["closest_approach"] = float(system.work.closest.min())
-        if isinstance(self.run, Suspension):
-            protocol |= {"tensors": ["periodic"], **self.run.protocol()}
-            checks |= self.run.checks(self.columns())
+        checks |= self.run.checks(self.columns())
         return {
             "derived": {
                 "segment_length": unit.segment,

@@ -1,29 +1,26 @@
 """A dense suspension of rings in a sheared cell: how it starts, and what is measured."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.driving import SoftParticleOscillatoryShear
 from shear_sim.models.soft_particle.packs import loose_discs
-from shear_sim.models.soft_particle.parameters import (
-    SoftParticleOscillatoryShear,
-    SoftParticlePoint,
-)
+from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
+from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
 from shear_sim.models.soft_particle.system import System, ledger
 from shear_sim.streams import Streams
 
 LOOSE = 0.7  # packing fraction of the discs that rings start from
 STRIDE = 0.002  # by which the cell shrinks at once, on the way to its size
 PAUSE = 0.1  # after that [T₁]
-SYRUP = 0.3  # drag on vertices / (m ω₁) on this way
-STILL = 1e-9  # kinetic energy of rings at rest / (k_b · rings)
-LONGEST_REST = 300  # [T₁]
 LOSSES = ("yield", "friction", "damping", "drag")
 
 
-class Suspension:
+class Suspension(Scenario):
     """The run: rings pressed together in a cell, at rest, then sheared to and fro."""
 
     def __init__(
@@ -65,35 +62,16 @@ class Suspension:
         self.frame = (0.0, 0.0, width, height)
 
     def _concentrate(self, side: float) -> float:
-        """Press the rings together until the cell has its size; return the time it took [s].
-
-        Raises
-        ------
-        SimulationError
-            If they do not come to rest.
-        """
+        """Press the rings together until the cell has its size; return the time it took [s]."""
         system, unit = self.system, self.unit
-        rules = system.rules
-        system.rules = rules._replace(drag=rules.drag + SYRUP * unit.mass * unit.frequency)
         way = math.log(side / float(system.cell.size[0]))
         strides = max(1, math.ceil(abs(way) / STRIDE))
-        pause = math.ceil(PAUSE * unit.period / rules.step)
-        for _ in range(strides):
-            system.shrink(math.exp(way / strides))
-            system.advance(pause)
-        still = STILL * unit.hinge * len(system.chains.closed)
-        for _ in range(LONGEST_REST):
-            system.advance(math.ceil(unit.period / rules.step))
-            if system.kinetic() < still:
-                break
-        else:
-            msg = (
-                f"the rings are not at rest {LONGEST_REST} periods of their slowest vibration "
-                "after they were pressed together: more inner_damping or contact_damping, or a "
-                "lower packing_fraction"
-            )
-            raise SimulationError(msg)
-        system.rules = rules
+        pause = math.ceil(PAUSE * unit.period / system.rules.step)
+        with more_drag(system, unit):
+            for _ in range(strides):
+                system.shrink(math.exp(way / strides))
+                system.advance(pause)
+            come_to_rest(system, unit)
         return system.time
 
     def _glue(self) -> int:
@@ -130,6 +108,8 @@ class Suspension:
             "stress_xy": xy,
             "stress_yx": yx,
             "stress_yy": yy,
+            "stress_xx_per_modulus": xx / self.modulus,
+            "stress_xx_per_bending": xx / bending,
             "stress_xy_per_modulus": xy / self.modulus,
             "stress_xy_per_bending": xy / bending,
             "stress_yy_per_modulus": yy / self.modulus,
@@ -139,9 +119,10 @@ class Suspension:
             "circularity": circularity,
         } | ledger(system.budget())
 
-    def protocol(self) -> dict[str, float]:
+    def protocol(self) -> dict[str, Any]:
         """Return how the cell is sheared."""
         return {
+            "tensors": ["periodic"],
             "strain_amplitude": self.shear.strain_amplitude,
             "period": self.period,
             "periods": self.shear.periods,

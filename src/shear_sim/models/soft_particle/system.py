@@ -47,6 +47,8 @@ FRACTION = 0.2  # of the longest stable step
 #: Of a two-sided contact, distance / distance of touching: in one step, in which two vertices move
 #: by a quarter of that each, nothing goes through unseen.
 NEAREST = 0.25
+SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
+SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less
 CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
 SHARPEST = 0.95 * math.pi  # turning angle of a hinge that counts as folded
 SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths / rest length, area / area at the start
@@ -208,7 +210,8 @@ class System:
         self.links = no_links()
         self.rigid = freeze_shapes(self.chains, self.motion, np.zeros(0, np.int32))
         self.held = np.zeros(0, np.int32)
-        self.skin = 2.0 * thin
+        self.skin = SKIN * thin
+        self._listed = 0
         self.leap = 0.5 * thin
         self.steps = 0
         chains = self.chains
@@ -243,6 +246,17 @@ class System:
             self.lists.span[0] += np.abs(self.motion.y[self.held]).max()
         self.work.travelled[0] = 0.0
 
+    def _tune(self) -> None:
+        """Change the room of the next lists, which changes no result, so that they last."""
+        lasted, self._listed = self.steps - self._listed, self.steps
+        thin = float(self.chains.radius.min())
+        if self.cell.size[1] > 0.0:  # whose images must not come too near
+            return
+        if lasted < SHORT:
+            self.skin = min(1.5 * self.skin, WIDEST * thin)
+        elif lasted > LONG:
+            self.skin = max(self.skin / 1.5, SKIN * thin)
+
     @property
     def time(self) -> float:
         """Time since the start [s]."""
@@ -266,6 +280,7 @@ class System:
             self.steps += done
             if status == LISTS_USED_UP:
                 status = RUNNING
+                self._tune()
                 self._list()
             self._guard(status)
 
@@ -359,6 +374,11 @@ class System:
         """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
         self.motion.gx[vertices] += fx
         self.motion.gy[vertices] += fy
+
+    def press(self, p: int, pressure: float) -> None:
+        """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on."""
+        self.chains.core_pressure[p] = pressure
+        self._forces(self.rules._replace(step=0.0))
 
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""

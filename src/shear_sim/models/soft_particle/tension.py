@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from shear_sim.cell import Ints
 from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.models.soft_particle.bodies import Body
+from shear_sim.models.soft_particle.driving import Tension
 from shear_sim.models.soft_particle.links import energy_at_criterion
 from shear_sim.models.soft_particle.packs import touching_discs
-from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint, Tension
+from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint
 from shear_sim.models.soft_particle.rings import body, scales, shapes
+from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.system import System, ledger
 from shear_sim.models.soft_particle.tissue import outline, tessellation
 from shear_sim.streams import Streams
@@ -58,7 +60,7 @@ def tissue(point: SoftParticlePoint, rng: np.random.Generator) -> Tissue:
     return Tissue(bodies, width, height, sides)
 
 
-class Puller:
+class Puller(Scenario):
     """The run: the vertices at the floor are held, those at the lid go up at a constant speed."""
 
     def __init__(self, point: SoftParticlePoint, shear: Tension, streams: Streams) -> None:
@@ -83,7 +85,7 @@ class Puller:
         self.start = made.height - 2.0 * half
         self.low = half
         rows = point.resolved().record.rows or 0
-        self.rows, self.strokes = rows + 1, shear.strokes
+        self.rows, self.strokes = rows + 1, 1
         way = self.start * math.expm1(shear.strain)
         self.speed = shear.relative_rate * self.start / self.unit.period
         longest = point.integrator.step * self.system.stable_step
@@ -153,8 +155,8 @@ class Puller:
             "criterion_energy": float(energy_at_criterion(links).sum()),
         }
 
-    def grips(self) -> FloatArray:
-        """Return the grips (2, 3) as walls in a picture."""
+    def planes(self) -> FloatArray:
+        """Return the grips (2, 3) as walls of a picture."""
         return np.array([[0.0, 1.0, 0.0], [0.0, -1.0, -(self._height() + 2.0 * self.low)]])
 
     def preparation(self) -> dict[str, float]:

@@ -1,0 +1,89 @@
+"""What every scenario of soft particles is asked for, and how its particles come to rest."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.rings import Scales
+from shear_sim.models.soft_particle.system import System
+
+FloatArray = NDArray[np.float64]
+
+SYRUP = 0.3  # drag on vertices / (m ω₁) in which rings come to rest
+STILL = 1e-9  # kinetic energy of rings at rest / (k_b · rings)
+LONGEST_REST = 500  # T₁
+
+
+class Scenario(ABC):
+    """One run, from its start to its last record."""
+
+    system: System
+    unit: Scales
+    rows: int  # number of records
+    strokes: int  # or periods
+    frame: tuple[float, float, float, float]  # of pictures: left, bottom, width, height [m]
+
+    @abstractmethod
+    def go_on(self) -> None:
+        """Make the steps from one record to the next."""
+
+    @abstractmethod
+    def record(self) -> dict[str, float]:
+        """Return one record, see ``columns``."""
+
+    @abstractmethod
+    def measured(self, table: Columns) -> dict[str, float]:
+        """Return what is kept of a whole run."""
+
+    def planes(self) -> FloatArray | None:
+        """Return the walls (W, 3) of a picture, n_x, n_y, position; None: those of the system."""
+        return None
+
+    def protocol(self) -> dict[str, Any]:
+        """Return what is imposed, of a scenario that moduli are read from."""
+        return {}
+
+    def preparation(self) -> dict[str, float]:
+        """Return what is to be said of the start."""
+        return {}
+
+    def checks(self, table: Columns) -> dict[str, float]:  # noqa: ARG002 - not all have any
+        """Return what must be small."""
+        return {}
+
+
+@contextmanager
+def more_drag(system: System, unit: Scales, share: float = SYRUP) -> Iterator[None]:
+    """Let vertices have ``share`` · m ω₁ more drag for a while."""
+    rules = system.rules
+    system.rules = rules._replace(drag=rules.drag + share * unit.mass * unit.frequency)
+    yield
+    system.rules = rules
+
+
+def come_to_rest(system: System, unit: Scales, still: float = STILL) -> None:
+    """Go on until the kinetic energy of the rings is below ``still`` · k_b each.
+
+    Raises
+    ------
+    SimulationError
+        If it never is.
+    """
+    steps = math.ceil(unit.period / system.rules.step)
+    still *= unit.hinge * len(system.chains.closed)
+    for _ in range(LONGEST_REST):
+        system.advance(steps)
+        if system.kinetic() < still:
+            return
+    msg = (
+        f"the rings are not at rest {LONGEST_REST} periods of their slowest vibration after they "
+        "fell or were pressed together: more inner_damping or contact_damping, or a lower "
+        "packing_fraction"
+    )
+    raise SimulationError(msg)

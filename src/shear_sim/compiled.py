@@ -19,7 +19,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
@@ -211,17 +211,26 @@ def _numba_cache(folder: Path) -> Iterator[None]:
 @overload
 def jit(function: Function) -> Function: ...
 @overload
-def jit(**options: Any) -> Callable[[Function], Function]: ...
-def jit(function: Function | None = None, **options: Any) -> Any:
+def jit(*, inner: bool = ..., **options: Any) -> Callable[[Function], Function]: ...
+def jit(function: Function | None = None, *, inner: bool = False, **options: Any) -> Any:
     """Compile a kernel with Numba and keep the machine code in :func:`cache_folder`.
 
     Use it bare (``@jit``) or with options of ``numba.njit`` (``@jit(inline="always")``).
     Division by zero follows IEEE rules (``error_model="numpy"``), which lets loops vectorise;
     ``fastmath`` stays off, so that sums keep their order and results their bits.
+    ``inner`` is for what only kernels call, and which creates no array: it has no way in from
+    Python, and no count of who uses an array, and compiles in less time.
     """
     if function is None:
-        return lambda decorated: jit(decorated, **options)
+        return partial(_jit, inner=inner, **options)
+    return _jit(function, inner=inner, **options)
+
+
+def _jit(function: Function, *, inner: bool, **options: Any) -> Any:
     import numba
+
+    if inner:
+        options |= {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
     with _numba_cache(cache_folder(_variant)):
         return numba.njit(**{"cache": True, "error_model": "numpy", **options})(function)

@@ -111,7 +111,7 @@ look: Any = intrinsic(_look)
 give_way: Any = intrinsic(_give_way)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def meet(meeting: Meeting, threads: int) -> None:
     """Wait for all threads of a kernel: what they wrote before, all may read after.
 
@@ -132,7 +132,7 @@ def meet(meeting: Meeting, threads: int) -> None:
             give_way()
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def add_up(sums: Floats, totals: Floats) -> None:
     """Add up the ``sums`` (S, C) that all threads have made, in their order; write (C,) totals.
 
@@ -146,7 +146,7 @@ def add_up(sums: Floats, totals: Floats) -> None:
             totals[c] += sums[s, c]
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def largest_of(
     value: np.uint64, extremes: Floats, column: int, thread: int, threads: int, meeting: Meeting
 ) -> np.uint64:
@@ -164,7 +164,7 @@ def largest_of(
     return value
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def bits(value: float) -> np.uint64:
     """Return a number that is as large as another the larger ``value``, which is not negative, is.
 
@@ -173,7 +173,7 @@ def bits(value: float) -> np.uint64:
     return np.float64(value).view(np.uint64)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def number(value: np.uint64) -> float:
     """Return what `bits` was made of."""
     return float(np.uint64(value).view(np.float64))

@@ -139,7 +139,7 @@ def gather(
             block[ROLLED + s] = rolled[b] + rolled[a]
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def gather_places(
     lx: Floats, ly: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
 ) -> None:
@@ -152,7 +152,7 @@ def gather_places(
         block[LY + s] = ly[b] - ly[a]
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def fetch(table: Floats, row: int, part: int) -> None:
     """Have part 0, 1, 2 or 3 of a row of ``Pairs.table`` brought near, if there is such a row.
 
@@ -274,7 +274,7 @@ def pair_forces(
             block[VN + s] = vn
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def scatter(
     fx: Floats, fy: Floats, torque: Floats,
     i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
@@ -294,7 +294,7 @@ def scatter(
 
 
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
-@jit(fastmath={"reassoc"}, _nrt=False)
+@jit(inner=True, fastmath={"reassoc"})
 def stress_of(block: Floats, table: Floats, m: int, elsewhere: float, sums: Floats) -> None:
     """Add a block to the sums of a record.
 
@@ -350,7 +350,7 @@ def stress_of(block: Floats, table: Floats, m: int, elsewhere: float, sums: Floa
     sums[15] += sliding
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def tally_pairs(work: Work, table: Floats, m: int, springs: Springs, constants: Constants) -> None:
     """Add the energies and powers of a block to ``work``: stored, lost in dashpots, by friction."""
     block = work.block
@@ -467,7 +467,7 @@ def contact_forces(
         add_up(work.pair_sums, work.tensors)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def all_extremes(
     closest: Floats, extremes: Floats, thread: int, threads: int, meeting: Meeting
 ) -> None:
@@ -489,7 +489,7 @@ def all_extremes(
         closest[2] = max(closest[2], extremes[other, CLOSING_OF])
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def fire_sums(discs: Discs, work: Work) -> None:
     """Leave largest F², Σ F·c, Σ F² and Σ c² of all discs in ``work.totals``."""
     for s in range(work.lower, work.upper):
@@ -653,7 +653,7 @@ def substep(constants: Constants, work: Work, size: float, rate: float) -> float
     return float(h)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def approach_time(constants: Constants, discs: Discs, work: Work, smallest_radius: float) -> float:
     """Return how long [s] nobody comes so close that a contact is suddenly far stiffer.
 

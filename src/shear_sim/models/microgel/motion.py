@@ -99,14 +99,14 @@ def empty_pairs(n: int) -> Pairs:
     )  # fmt: skip
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def add_scaled(to: Floats, factor: float, values: Floats, begin: np.uint64, end: np.uint64) -> None:
     """Add ``factor`` × ``values`` to ``to``, of discs ``begin`` to before ``end``; arrays (N,)."""
     for a in range(begin, end):
         to[a] += factor * values[a]
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def kick(
     velocity: Floats, predicted: Floats, acceleration: Floats, h: float, lead: float,
     begin: np.uint64, end: np.uint64,
@@ -117,7 +117,7 @@ def kick(
         predicted[a] = velocity[a] + lead * acceleration[a]
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def drift(
     discs: Discs, work: Work, constants: Constants, h: float, change: float, rate: float
 ) -> None:
@@ -140,7 +140,7 @@ def drift(
     carry_plates(discs, work, constants, rate)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def find_in(start: Ints, j: Ints, nx: Ints, ny: Ints, pairs: Pairs, q: int) -> int:
     """Return the place of pair ``q`` in the list of `find_pairs`, or −1."""
     table, lane = pairs.table[q // LANES], q % LANES
@@ -151,7 +151,7 @@ def find_in(start: Ints, j: Ints, nx: Ints, ny: Ints, pairs: Pairs, q: int) -> i
     return -1
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def shift_images(pairs: Pairs, work: Work, turns: int) -> None:
     """Rename the images of pairs after a re-gridding by ``turns`` and the return of discs."""
     for q in range(pairs.i.shape[0]):
@@ -265,7 +265,7 @@ def renew_contacts(
     return new
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def moved(discs: Discs, work: Work, contacts: Pairs, constants: Constants, strain: float) -> float:
     """Return by how much two discs may have approached since the contact list was made [m].
 
@@ -300,7 +300,7 @@ def moved(discs: Discs, work: Work, contacts: Pairs, constants: Constants, strai
     return float(way)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def places(discs: Discs, work: Work, constants: Constants, offset: float) -> None:
     """Find where each disc is in the cell, from its centre; glued discs are no part of it."""
     x, y, plate, lx, ly = discs.x, discs.y, discs.plate, work.lx, work.ly
@@ -315,7 +315,7 @@ def places(discs: Discs, work: Work, constants: Constants, offset: float) -> Non
         lx[a] = (1.0 - abs(plate[a])) * (lx[a] - right * width - 0.5 * width)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def accelerate(discs: Discs, work: Work, constants: Constants, rate: float) -> None:
     """Accelerations (M.1) from forces and predicted velocities; glued discs have none."""
     damping, spin_damping = constants.damping, constants.spin_damping
@@ -335,7 +335,7 @@ def accelerate(discs: Discs, work: Work, constants: Constants, rate: float) -> N
         aspin[a] = free * (torque[a] / inertia[a] - spin_damping * (pspin[a] - target))
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) -> None:
     """Give glued discs the velocity of their plate, ±γ̇ L_y/2, and no rotation."""
     if not constants.plates:
@@ -352,7 +352,7 @@ def carry_plates(discs: Discs, work: Work, constants: Constants, rate: float) ->
             work.turn[a] = 0.0
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def edge_kick(discs: Discs, work: Work, constants: Constants, change: float) -> None:
     """Take back the affine kick of a rate change: inertia alone, for a cell driven at its edges."""
     for a in range(work.begin, work.end):
@@ -365,7 +365,7 @@ def edge_kick(discs: Discs, work: Work, constants: Constants, change: float) -> 
 
 
 # Sums in whatever order is fast: the same one for the same processor.
-@jit(fastmath={"reassoc"}, _nrt=False)
+@jit(inner=True, fastmath={"reassoc"})
 def disc_sums(
     discs: Discs, work: Work, rate: float, begin: np.uint64, end: np.uint64
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
@@ -422,7 +422,7 @@ def finish_row(discs: Discs, work: Work, constants: Constants, rate: float, row:
     row[23] = tensors[15] / max(tensors[14], 1.0)
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def tally(discs: Discs, work: Work, constants: Constants, rate: float, h: float) -> None:
     """Add the last ``h`` seconds to the energy balance (trapezoidal).
 
@@ -454,7 +454,7 @@ def tally(discs: Discs, work: Work, constants: Constants, rate: float, h: float)
     power[5], power[6] = power[1], power[2]
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def energy_row(discs: Discs, work: Work, row: Floats) -> None:
     """Append energies per metre of depth [J/m] to a record: kinetic, elastic, then the balance."""
     kinetic = 0.0

@@ -8,9 +8,13 @@ when they are timed. Times are of the CPU, the least of five of 300 steps each; 
 friction and links side by side. The limit is what the divisions, roots, vector operations, single
 stores and memory of our method take at least, where nothing waits for anything, as
 `analysis/benchmarks/limit.py` measures this machine.
+
+Then the wall time of one and of two threads, for which two cores must be idle.
 """
 
 import argparse
+import copy
+import os
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -19,6 +23,7 @@ import numpy as np
 from benchmarks.limit import Machine, measure
 
 from shear_sim.models.soft_particle import motion as steps
+from shear_sim.models.soft_particle import strips
 from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
 from shear_sim.models.soft_particle.contacts import contact_forces, find_touching, wall_forces
 from shear_sim.models.soft_particle.kernels import shell_forces
@@ -27,6 +32,7 @@ from shear_sim.models.soft_particle.system import System, Wall
 
 COLUMNS, ROWS, VERTICES, THICKNESS = 22, 23, 24, 0.1
 STEPS, ROUNDS = 300, 5
+BLOCK, TURNS = 50, 12  # steps that are timed at once, and how often with each number of threads
 
 
 class Count(NamedTuple):
@@ -116,12 +122,51 @@ def least(call: Callable[[], object], vertices: int, calls: int = 1) -> float:
     return best / calls / vertices * 1e9
 
 
+def of_one_strip(friction: float, linked: bool, damped: bool) -> System:
+    """Return a packing whose kernels work on all of it at once."""
+    most, strips.MOST = strips.MOST, 1
+    system = packed(friction, linked, damped)
+    strips.MOST = most
+    return system
+
+
+def by_threads(system: System) -> dict[int, float]:
+    """Return the wall times [ns per vertex and step] of one and of two threads.
+
+    Both make the same ``STEPS`` steps in turns, in blocks, each several times; the least times of
+    the blocks are added.
+    """
+    if len(os.sched_getaffinity(0)) < 2:
+        msg = "two threads need two cores: this process has one"
+        raise SystemExit(msg)
+    total = {1: 0.0, 2: 0.0}
+    for _ in range(STEPS // BLOCK):
+        best = dict.fromkeys(total, np.inf)
+        ends = set()
+        for _ in range(TURNS):
+            for threads in total:
+                twin = copy.deepcopy(system)
+                twin.threads = threads
+                began = time.perf_counter()
+                twin.advance(BLOCK)
+                best[threads] = min(best[threads], time.perf_counter() - began)
+                ends.add(twin.motion.x.tobytes())
+        if len(ends) > 1:
+            msg = "two threads end elsewhere than one"
+            raise SystemExit(msg)
+        system = twin
+        for threads in total:
+            total[threads] += best[threads]
+    return {n: t / STEPS / len(system.motion.x) * 1e9 for n, t in total.items()}
+
+
 def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     machine = measure()
     heads = ("step, all in all", "limit", "shells", "contacts", "walls", "links", "kicks and moves")
     print("| | " + " | ".join((*heads, "lists")) + " |")
     print("| --- " * (len(heads) + 2) + "|")
+    walls = {}
     for name, friction, linked, damped in (
         ("elastic", 0.0, False, False),
         ("with dashpots and drag", 0.0, False, True),
@@ -129,9 +174,13 @@ def main() -> None:
         ("and links", 0.3, True, True),
     ):
         s = packed(friction, linked, damped)
-        m, n, e = s.motion, len(s.motion.x), s.work.energy
+        n = len(s.motion.x)
         s.advance(STEPS)
         whole = least(lambda s=s: s.advance(STEPS), n, STEPS)
+        bound, walls[name] = limit(s, machine), by_threads(s)
+        s = of_one_strip(friction, linked, damped)
+        s.advance(STEPS)
+        m, e = s.motion, s.work.energy
         parts = (
             least(
                 lambda s=s, m=m: shell_forces(
@@ -142,30 +191,35 @@ def main() -> None:
             ),
             least(
                 lambda s=s, m=m: contact_forces(
-                    s.chains, s.lists, s.rules, m, s.springs, s.cell, s.work
+                    s.chains, s.lists, s.rules, m, s.springs, s.cell, s.work, s.strips, 0, s.mail
                 ),
                 n,
             ),
             least(
-                lambda s=s, m=m: wall_forces(s.chains, s.rules, m, s.springs, s.walls, s.work), n
+                lambda s=s, m=m: wall_forces(
+                    s.chains, s.rules, m, s.springs, s.walls, s.work, s.strips, 0
+                ),
+                n,
             ),
             least(
                 lambda s=s, m=m: link_forces(
-                    s.links, m.x, m.y, s.chains.after, m.fx, m.fy, s.work.energy
+                    s.links, m.x, m.y, s.chains.after, m.fx, m.fy, s.work.energy, s.strips, 0,
+                    s.mail,
                 ),
                 n,
             ),
-            2 * least(
-                lambda s=s, m=m, e=e: steps.kick(m, s.chains.mass, s.held, 0.0, 0.0, 0.0, e), n
-            )
+            2 * least(lambda s=s, m=m: steps.kick(m, s.chains.mass, 0.0, 0.0, 0.0), n)
             + least(lambda m=m: steps.drift(m, 0.0), n)
             + (2 * least(lambda m=m, e=e: steps.spend(m, 0.003, 0.0, 0.0, e), n) if damped else 0.0)
             + (least(lambda s=s, m=m: steps.predict(m, s.chains.mass, 0.0, 0.0, 0.0, 0.0), n)
                if damped else 0.0),
             least(s._list, n),  # once in some hundred steps
         )  # fmt: skip
-        cells = [f"{whole:.0f}", f"{limit(s, machine):.0f}", *(f"{part:.1f}" for part in parts)]
+        cells = [f"{whole:.0f}", f"{bound:.0f}", *(f"{part:.1f}" for part in parts)]
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+    print("\n| wall time | one thread | two threads | ratio |\n| --- | --- | --- | --- |")
+    for name, times in walls.items():
+        print(f"| {name} | {times[1]:.0f} | {times[2]:.0f} | {times[1] / times[2]:.2f} |")
 
 
 if __name__ == "__main__":

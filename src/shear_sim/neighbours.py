@@ -6,7 +6,7 @@ from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
 
 
-@jit
+@jit(nogil=True)
 def find_pairs(
     x: Floats, y: Floats, radius: Floats, skin: float, width: float, height: float, offset: float,
     begin: int | np.int64 = 0, end: int | np.int64 = -1,

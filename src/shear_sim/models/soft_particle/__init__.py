@@ -72,7 +72,7 @@ from shear_sim.streams import Streams
 
 POINT = SoftParticlePoint
 PHYSICS_VERSION = 3  # raised with any change of numbers; part of every job id
-THREADS = False
+THREADS = True
 
 __all__ = [
     "COLUMNS",

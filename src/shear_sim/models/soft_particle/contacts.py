@@ -28,12 +28,15 @@ from shear_sim.models.soft_particle.state import (
     Cell,
     Chains,
     Lists,
+    Mail,
     Motion,
     Rules,
     Springs,
+    Strips,
     Walls,
     Work,
 )
+from shear_sim.models.soft_particle.strips import add, add_loss
 
 EDGE = 1e-9  # of a segment
 DEEPEST = -0.5  # signed distance / (r + r) behind which a ring is not touched from outside
@@ -131,32 +134,36 @@ def find_touching(
     return count
 
 
-@jit
+@jit(_nrt=False)
 def contact_forces(
     chains: Chains, lists: Lists, rules: Rules, motion: Motion, springs: Springs, cell: Cell,
-    work: Work,
+    work: Work, strips: Strips, strip: int, letters: Mail,
 ) -> int:  # fmt: skip
-    """Add the contact forces of all vertices and segments; return a status.
+    """Add the forces of the contacts that vertices of a strip have; return a status.
 
     Dashpots multiply the force of a feature by 1 − β ḣ⁻ (Hunt & Crossley), so that they keep the
-    sums of (SP.6) and never pull. Bars are those that ``shell_forces`` left in ``work.scratch``.
+    sums of (SP.6) and never pull. Bars are those that ``shell_forces`` left in ``work.scratch``,
+    ``lists`` those of the strip.
     """
     x, y, px, py = motion.x, motion.y, motion.px, motion.py
     fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
     after, before = chains.after, chains.before
     closest, nearest = work.closest[0], work.closest[1]
     frictional = rules.friction > 0.0
+    images = cell.images[strip]
+    images[:] = 0.0
+    first, end = strips.vertex[strip], strips.vertex[strip + 1]
     touching = find_touching(
         x, y, work.scratch[0], work.scratch[1], lists.vertex, lists.segment, lists.kind,
         lists.reach, lists.shift[0], lists.shift[1], lists.touching,
     )  # fmt: skip
-    cell.images[:] = 0.0
     count = 0
     for hit in range(touching):
         c = lists.touching[hit]
         v, s, kind, reach = lists.vertex[c], lists.segment[c], lists.kind[c], lists.reach[c]
         j = after[s]
-        sx, sy = lists.shift[0, c], lists.shift[1, c]
+        own = first <= s < end
+        sx, sy = lists.shift[0][c], lists.shift[1][c]
         far = sx != 0.0 or sy != 0.0
         ux, uy = x[v] - sx, y[v] - sy
         # Beside the segment, at its first vertex, and at its second where the chain ends.
@@ -180,24 +187,20 @@ def contact_forces(
             u = 1.0 - w
             fx[v] += force * nx
             fy[v] += force * ny
-            fx[a] -= u * force * nx
-            fy[a] -= u * force * ny
-            fx[b] -= w * force * nx
-            fy[b] -= w * force * ny
+            add(own, fx, fy, a, -u * force * nx, -u * force * ny, letters, strip)
+            add(own, fx, fy, b, -w * force * nx, -w * force * ny, letters, strip)
             if far:
-                add_virial(cell.images[0], force * nx, force * ny, sx, sy)
+                add_virial(images[0], force * nx, force * ny, sx, sy)
             if rules.dashpot > 0.0:
                 speed = (px[v] - u * px[a] - w * px[b] - cell.strain[1] * sy) * nx
                 speed += (py[v] - u * py[a] - w * py[b]) * ny
                 loss = -force * min(1.0, rules.dashpot * speed)
                 dx[v] += loss * nx
                 dy[v] += loss * ny
-                dx[a] -= u * loss * nx
-                dy[a] -= u * loss * ny
-                dx[b] -= w * loss * nx
-                dy[b] -= w * loss * ny
+                add_loss(own, dx, dy, a, -u * loss * nx, -u * loss * ny, letters, strip)
+                add_loss(own, dx, dy, b, -w * loss * nx, -w * loss * ny, letters, strip)
                 if far:
-                    add_virial(cell.images[1], loss * nx, loss * ny, sx, sy)
+                    add_virial(images[1], loss * nx, loss * ny, sx, sy)
             if frictional:
                 lists.place[count, 0], lists.place[count, 1] = v, s
                 lists.place[count, 2], lists.place[count, 3] = a, b
@@ -212,26 +215,28 @@ def contact_forces(
     vx, vy = motion.vx, motion.vy
     if cell.size[1] > 0.0:
         vx = work.scratch[3]
-        for k in range(vx.shape[0]):
-            vx[k] = motion.vx[k] + cell.strain[2] * motion.free_x[k] * y[k]
     return friction_forces(
         before, after, rules, x, y, vx, vy, fx, fy, work.scratch, count, lists.place,
         lists.found, lists.run, work.held, springs.segment, springs.force, cell.strain[2],
-        cell.images, work.energy,
+        images, work.ledger[strip], strips, strip, letters,
     )  # fmt: skip
 
 
-@jit
+@jit(_nrt=False)
 def wall_forces(
-    chains: Chains, rules: Rules, motion: Motion, springs: Springs, walls: Walls, work: Work
-) -> None:
-    """Add the forces of walls, and write the force of each to ``walls``.
+    chains: Chains, rules: Rules, motion: Motion, springs: Springs, walls: Walls, work: Work,
+    strips: Strips, strip: int,
+) -> None:  # fmt: skip
+    """Add the forces of walls on a strip, and write that of each to ``strips``.
+
+    ``chains`` and ``motion`` are those of the strip.
 
     A vertex that faces another chain is seen twice on the average, once by each chain; walls see
     vertices only and are twice as stiff instead.
     """
     stiffness = 2.0 * rules.stiffness
     frictional = rules.friction > 0.0
+    energy, spring, first = work.ledger[strip], springs.wall, strips.vertex[strip]
     for w in range(walls.nx.shape[0]):
         nx, ny, at = walls.nx[w], walls.ny[w], walls.position[w]
         tx, ty = -ny, nx
@@ -241,10 +246,10 @@ def wall_forces(
             for v in range(chains.start[p], chains.start[p + 1]):
                 overlap = r - (motion.x[v] * nx + motion.y[v] * ny - at)
                 if overlap <= 0.0:
-                    if frictional and springs.wall[w, v] != 0.0:
-                        lost = springs.wall[w, v]
-                        work.energy[SEPARATION] += 0.5 * lost * lost / rules.tangential
-                        springs.wall[w, v] = 0.0
+                    if frictional and spring[w, first + v] != 0.0:
+                        lost = spring[w, first + v]
+                        energy[SEPARATION] += 0.5 * lost * lost / rules.tangential
+                        spring[w, first + v] = 0.0
                     continue
                 work.closest[0] = min(work.closest[0], 1.0 - overlap / r)
                 force = stiffness * overlap
@@ -258,7 +263,7 @@ def wall_forces(
                     motion.dy[v] += loss * ny
                     lost_push += loss
                 if frictional:
-                    before = springs.wall[w, v]
+                    before = spring[w, first + v]
                     slip = motion.vx[v] * tx + motion.vy[v] * ty - walls.slide[w]
                     slip *= rules.step
                     tangent = before - rules.tangential * slip
@@ -266,14 +271,14 @@ def wall_forces(
                     if np.abs(tangent) > limit:
                         tangent = limit if tangent > 0.0 else -limit
                         slid = slip + (tangent - before) / rules.tangential
-                        work.energy[SLIDING] -= 0.5 * (before + tangent) * slid
-                    springs.wall[w, v] = tangent
+                        energy[SLIDING] -= 0.5 * (before + tangent) * slid
+                    spring[w, first + v] = tangent
                     motion.fx[v] += tangent * tx
                     motion.fy[v] += tangent * ty
                     drive += tangent
-        walls.push[w] = push + lost_push
-        walls.loss[w] = lost_push
-        walls.drive[w] = drive
+        strips.walls[strip, 0, w] = push + lost_push
+        strips.walls[strip, 1, w] = lost_push
+        strips.walls[strip, 2, w] = drive
 
 
 @jit
@@ -286,7 +291,7 @@ def contact_energy(
     for c in range(lists.segment.shape[0]):
         v, s, kind, reach = lists.vertex[c], lists.segment[c], lists.kind[c], lists.reach[c]
         j = after[s]
-        ux, uy = x[v] - lists.shift[0, c], y[v] - lists.shift[1, c]
+        ux, uy = x[v] - lists.shift[0][c], y[v] - lists.shift[1][c]
         overlap, _, _, _ = side(x, y, ux, uy, s, j, reach, kind)
         normal += 0.5 * rules.stiffness * overlap**2
         coefficient, overlap, _, _ = corner(x, y, ux, uy, before[s], s, j, reach, kind)

@@ -9,11 +9,14 @@ from shear_sim.models.soft_particle.state import (
     SEPARATION,
     SLIDING,
     TOO_MANY_RUNS,
+    Mail,
     Rules,
+    Strips,
 )
+from shear_sim.models.soft_particle.strips import add
 
 
-@jit
+@jit(inner=True)
 def friction_forces(
     before: Ints,
     after: Ints,
@@ -24,7 +27,7 @@ def friction_forces(
     vy: Floats,
     fx: Floats,
     fy: Floats,
-    bars: Floats,
+    bars: tuple[Floats, ...],
     count: int,
     place: Ints,
     found: Floats,
@@ -35,8 +38,11 @@ def friction_forces(
     rate: float,
     images: Floats,
     energy: Floats,
+    strips: Strips,
+    strip: int,
+    letters: Mail,
 ) -> int:
-    """Let each contact of every vertex stick or slide; return a status.
+    """Let each contact of every vertex of a strip stick or slide; return a status.
 
     What a vertex touches of one stretch of a chain is one contact: its normal is that of the sum
     of its features' forces, the reaction is shared out as they are, and one spring resists sliding,
@@ -51,7 +57,7 @@ def friction_forces(
 
     Parameters
     ----------
-    bars : (3 or more, V)
+    bars : 3 or more of (V,)
         Vectors of all bars [m], and one over their lengths [1/m].
     count : int
         Number of features, those of one vertex after each other, vertices in order.
@@ -76,8 +82,9 @@ def friction_forces(
     """
     ex, ey, over = bars[0], bars[1], bars[2]
     slots = held.shape[1]
+    first, last = strips.vertex[strip], strips.vertex[strip + 1]
     end = 0
-    for v in range(x.shape[0]):
+    for v in range(first, last):
         begin = end
         while end < count and place[end, 0] == v:
             end += 1
@@ -167,23 +174,22 @@ def friction_forces(
                 if run[q] != r:
                     continue
                 a, b, w, share = place[q, 2], place[q, 3], found[q, 3], found[q, 4]
+                own = first <= a < last
                 if found[q, 5] != 0.0 or found[q, 6] != 0.0:
                     add_virial(
                         images[0], share * force * tx, share * force * ty, found[q, 5], found[q, 6]
                     )
-                fx[a] -= (1.0 - w) * share * force * tx
-                fy[a] -= (1.0 - w) * share * force * ty
-                fx[b] -= w * share * force * tx
-                fy[b] -= w * share * force * ty
+                pull = -(1.0 - w) * share * force
+                add(own, fx, fy, a, pull * tx, pull * ty, letters, strip)
+                pull = -w * share * force
+                add(own, fx, fy, b, pull * tx, pull * ty, letters, strip)
                 for at in range(1 if a != b else 2):
                     k = _bar(before, after, a, b, at)
                     j = after[k]
                     part = share if a != b else 0.5 * share
                     couple = -part * force * lever * over[k] * over[k]
-                    fx[j] -= couple * ey[k]
-                    fy[j] += couple * ex[k]
-                    fx[k] += couple * ey[k]
-                    fy[k] -= couple * ex[k]
+                    add(own, fx, fy, j, -couple * ey[k], couple * ex[k], letters, strip)
+                    add(own, fx, fy, k, couple * ey[k], -couple * ex[k], letters, strip)
         for m in range(slots):
             if held[v, m] < -1:
                 energy[SEPARATION] += 0.5 * spring[v, m] * spring[v, m] / rules.tangential
@@ -191,7 +197,7 @@ def friction_forces(
     return RUNNING
 
 
-@jit
+@jit(inner=True)
 def add_virial(virial: Floats, fx: float, fy: float, sx: float, sy: float) -> None:
     """Add f_x s_x, f_x s_y, f_y s_x, f_y s_y to ``virial`` (4,) [N]."""
     virial[0] += fx * sx
@@ -200,13 +206,13 @@ def add_virial(virial: Floats, fx: float, fy: float, sx: float, sy: float) -> No
     virial[3] += fy * sy
 
 
-@jit
+@jit(inner=True)
 def _neighbours(after: Ints, one: int, other: int) -> bool:
     """Tell whether two segments are the same or follow each other."""
     return bool(one == other or after[one] == other or after[other] == one)
 
 
-@jit
+@jit(inner=True)
 def _bar(before: Ints, after: Ints, a: int, b: int, at: int) -> int:
     """Return a segment that takes the couple of a feature: its own, or those beside a = b."""
     if a != b:

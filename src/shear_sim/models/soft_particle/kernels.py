@@ -191,7 +191,7 @@ def shell_forces(
     dx: Floats,
     dy: Floats,
     energy: Floats,
-    scratch: Floats,
+    scratch: tuple[Floats, ...],
     damped: bool,
 ) -> None:
     """Write the forces of bars, hinges and cores to ``fx``, ``fy``, of dashpots to ``dx``, ``dy``.
@@ -204,7 +204,7 @@ def shell_forces(
     ----------
     x, y, px, py : (V,)
         Positions [m] and predicted velocities [m/s].
-    scratch : (8, V)
+    scratch : 8 of (V,)
         Room.
     damped : bool
         Whether any chain has dashpots; else ``dx``, ``dy`` are not touched.

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
-from shear_sim.models.soft_particle.state import BROKEN, Chains, Links
+from shear_sim.models.soft_particle.state import BROKEN, Chains, Links, Mail, Strips
+from shear_sim.models.soft_particle.strips import add
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -63,11 +64,13 @@ def cut(links: Links, x: Floats, y: Floats, after: Ints, q: int, energy: Floats)
 
 @jit
 def link_forces(
-    links: Links, x: Floats, y: Floats, after: Ints, fx: Floats, fy: Floats, energy: Floats
-) -> None:
-    """Break the links that bear too much, and add the forces of the others."""
+    links: Links, x: Floats, y: Floats, after: Ints, fx: Floats, fy: Floats, energy: Floats,
+    strips: Strips, strip: int, letters: Mail,
+) -> None:  # fmt: skip
+    """Break the links of a strip that bear too much, and add the forces of the others."""
     normal, tangential, fn0, ft0, exponent, toughness = links.law
-    for q in range(links.vertex.shape[0]):
+    first, end = strips.vertex[strip], strips.vertex[strip + 1]
+    for q in range(strips.link[strip], strips.link[strip + 1]):
         if links.intact[q] == 0:
             continue
         un, ut = displacements(links, x, y, after, q)
@@ -87,7 +90,7 @@ def link_forces(
             if other != q:
                 cut(links, x, y, after, other, energy)
 
-    for q in range(links.vertex.shape[0]):
+    for q in range(strips.link[strip], strips.link[strip + 1]):
         if links.intact[q] == 0:
             continue
         un, ut = displacements(links, x, y, after, q)
@@ -100,20 +103,17 @@ def link_forces(
         length = np.sqrt(square)
         tx, ty = ex / length, ey / length
         px, py = fn * ty + ft * tx, -fn * tx + ft * ty
-        fx[v] += px
-        fy[v] += py
-        fx[k] -= (1.0 - w) * px
-        fy[k] -= (1.0 - w) * py
-        fx[j] -= w * px
-        fy[j] -= w * py
+        mine = first <= v < end
+        own = first <= k < end
+        add(mine, fx, fy, v, px, py, letters, strip)
+        add(own, fx, fy, k, -(1.0 - w) * px, -(1.0 - w) * py, letters, strip)
+        add(own, fx, fy, j, -w * px, -w * py, letters, strip)
         # The moment of the pair (f at v, −f at the point) is given back as a couple.
         dx = x[v] - x[k] - w * ex
         dy = y[v] - y[k] - w * ey
         couple = -(dx * py - dy * px) / square
-        fx[j] -= couple * ey
-        fy[j] += couple * ex
-        fx[k] += couple * ey
-        fy[k] -= couple * ex
+        add(own, fx, fy, j, -couple * ey, couple * ex, letters, strip)
+        add(own, fx, fy, k, couple * ey, -couple * ex, letters, strip)
 
 
 @jit

@@ -31,19 +31,55 @@ from shear_sim.models.soft_particle.state import (
     Chains,
     Links,
     Lists,
+    Mail,
     Motion,
     Rigid,
     Rules,
     Springs,
+    Strips,
     Walls,
     Work,
 )
+from shear_sim.models.soft_particle.strips import (
+    chains_of,
+    lists_of,
+    motion_of,
+    rows_of,
+    take_in,
+)
+from shear_sim.threads import meet
 
 ENOUGH = 0.8  # of the room of the lists: beyond, new ones cost less than to look again and again
 
 
-@jit
-def apply_forces(
+@jit(inner=True)
+def own_forces(
+    chains: Chains, motion: Motion, cell: Cell, work: Work, strips: Strips, strip: int, damped: bool
+) -> None:
+    """Write what a strip does to itself: the forces of shells and cores, and imposed ones."""
+    own, vertices, scratch = chains, motion, work.scratch
+    if strips.vertex.shape[0] > 2:
+        own, vertices = chains_of(chains, strips, strip), motion_of(motion, strips, strip)
+        scratch = rows_of(work.scratch, strips, strip)
+    fx, fy, dx, dy = vertices.fx, vertices.fy, vertices.dx, vertices.dy
+    shell_forces(
+        own, vertices.x, vertices.y, vertices.px, vertices.py, fx, fy, dx, dy, work.ledger[strip],
+        scratch, damped,
+    )  # fmt: skip
+    for k in range(fx.shape[0]):
+        fx[k] += vertices.gx[k]
+        fy[k] += vertices.gy[k]
+        if not damped:
+            dx[k] = 0.0
+            dy[k] = 0.0
+    if cell.size[1] > 0.0:  # the velocities that friction sees
+        flow = scratch[3]
+        for k in range(fx.shape[0]):
+            flow[k] = vertices.vx[k] + cell.strain[2] * vertices.free_x[k] * vertices.y[k]
+
+
+@jit(inner=True)
+def pair_forces(
     chains: Chains,
     lists: Lists,
     rules: Rules,
@@ -53,32 +89,46 @@ def apply_forces(
     walls: Walls,
     cell: Cell,
     work: Work,
-    damped: bool,
-) -> int:
-    """Write all forces of the present positions; return a status."""
-    fx, fy, dx, dy = motion.fx, motion.fy, motion.dx, motion.dy
-    shell_forces(
-        chains, motion.x, motion.y, motion.px, motion.py, fx, fy, dx, dy, work.energy,
-        work.scratch, damped,
-    )  # fmt: skip
-    for k in range(fx.shape[0]):
-        fx[k] += motion.gx[k]
-        fy[k] += motion.gy[k]
-        if not damped:
-            dx[k] = 0.0
-            dy[k] = 0.0
+    strips: Strips,
+    strip: int,
+    mail: Mail,
+) -> None:
+    """Add the forces of links, contacts and walls that a strip finds."""
+    own, vertices, pairs = chains, motion, lists
+    if strips.vertex.shape[0] > 2:
+        own, vertices = chains_of(chains, strips, strip), motion_of(motion, strips, strip)
+        pairs = lists_of(lists, strip)
+    mail.sent[strip, 0] = 0
     if cell.size[1] > 0.0:
-        shift_images(lists, cell)
-    link_forces(links, motion.x, motion.y, chains.after, fx, fy, work.energy)
-    status = contact_forces(chains, lists, rules, motion, springs, cell, work)
-    wall_forces(chains, rules, motion, springs, walls, work)
+        shift_images(pairs, cell)
+    link_forces(
+        links, motion.x, motion.y, chains.after, motion.fx, motion.fy, work.ledger[strip], strips,
+        strip, mail,
+    )  # fmt: skip
+    strips.status[strip] = contact_forces(
+        chains, pairs, rules, motion, springs, cell, work, strips, strip, mail
+    )
+    wall_forces(own, rules, vertices, springs, walls, work, strips, strip)
+
+
+@jit(inner=True)
+def add_up(motion: Motion, walls: Walls, strips: Strips, mail: Mail) -> int:
+    """Take in the mail, and write the forces of all strips on ``walls``; return the status."""
+    take_in(motion, strips, mail)
+    status = RUNNING
+    for strip in range(strips.status.shape[0]):
+        status = max(status, strips.status[strip])
+    for w in range(walls.nx.shape[0]):
+        walls.push[w] = walls.loss[w] = walls.drive[w] = 0.0
+        for strip in range(strips.status.shape[0]):
+            walls.push[w] += strips.walls[strip, 0, w]
+            walls.loss[w] += strips.walls[strip, 1, w]
+            walls.drive[w] += strips.walls[strip, 2, w]
     return status
 
 
 @jit
-def kick(
-    motion: Motion, mass: Floats, held: Ints, drag: float, rate: float, half: float, energy: Floats
-) -> None:
+def kick(motion: Motion, mass: Floats, drag: float, rate: float, half: float) -> None:
     """Change velocities by half a step ``half`` [s] of the forces.
 
     ``rate`` is γ̇ [1/s] of the flow that the predicted velocities contain and drag is against.
@@ -89,12 +139,21 @@ def kick(
         scale = half / mass[k]
         vx[k] += scale * motion.free_x[k] * (fx[k] + dx[k] - drag * (px[k] - rate * motion.y[k]))
         vy[k] += scale * motion.free_y[k] * (fy[k] + dy[k] - drag * py[k])
-    for q in range(held.shape[0]):
+
+
+@jit(inner=True)
+def impose(
+    motion: Motion, held: Ints, begin: int, end: int, drag: float, half: float, energy: Floats
+) -> None:
+    """Add half a step of the work of imposed velocities, of ``held`` from ``begin`` to ``end``."""
+    for q in range(begin, end):
         k = held[q]
         if motion.free_x[k] == 0.0:
-            energy[IMPOSED] -= half * (fx[k] + dx[k] - drag * px[k]) * vx[k]
+            force = motion.fx[k] + motion.dx[k] - drag * motion.px[k]
+            energy[IMPOSED] -= half * force * motion.vx[k]
         if motion.free_y[k] == 0.0:
-            energy[IMPOSED] -= half * (fy[k] + dy[k] - drag * py[k]) * vy[k]
+            force = motion.fy[k] + motion.dy[k] - drag * motion.py[k]
+            energy[IMPOSED] -= half * force * motion.vy[k]
 
 
 @jit
@@ -167,12 +226,12 @@ def shear_positions(motion: Motion, mass: Floats, strain: float) -> float:
 
 
 @jit
-def virial(motion: Motion, cell: Cell) -> tuple[float, float]:
+def virial(motion: Motion, images: Floats) -> tuple[float, float]:
     """Return Σ f_x y over all pairs that act on each other [N], of forces and of dashpots.
 
     Forces on held vertices act at the line y = 0.
     """
-    forces, dashpots = -cell.images[0, 1], -cell.images[1, 1]
+    forces, dashpots = -images[0, 1], -images[1, 1]
     for k in range(motion.y.shape[0]):
         lever = motion.free_x[k] * motion.y[k]
         forces += motion.fx[k] * lever
@@ -189,7 +248,7 @@ def farthest(x: Floats, y: Floats, x0: Floats, y0: Floats, strain: float) -> flo
     return float(np.sqrt(most))
 
 
-@jit
+@jit(nogil=True, _nrt=False)
 def march(
     chains: Chains,
     lists: Lists,
@@ -202,6 +261,8 @@ def march(
     walls: Walls,
     cell: Cell,
     work: Work,
+    strips: Strips,
+    mail: Mail,
     steps: int,
     room: float,
     leap: float,
@@ -211,6 +272,8 @@ def march(
 
     Parameters
     ----------
+    steps : int
+        0: only write the forces of the present positions.
     held : (H,)
         Vertices with an imposed velocity.
     room : float
@@ -225,23 +288,38 @@ def march(
     done, status : int
         Whole steps made, after each of which positions, velocities and forces are of one time.
     """
-    mass, energy = chains.mass, work.energy
     planes = walls.nx.shape[0]
     dt, drag = rules.step, rules.drag
     half = 0.5 * dt
     periodic = cell.size[1] > 0.0
     lossy = damped or rules.dashpot > 0.0 or drag > 0.0
+    lower, upper = strips.lower, strips.upper
+    several = strips.vertex.shape[0] > 2
+    if steps == 0:
+        for s in range(lower, upper):
+            own_forces(chains, motion, cell, work, strips, s, damped)
+        meet(strips.meeting, strips.threads)
+        for s in range(lower, upper):
+            pair_forces(
+                chains, lists, rules, motion, springs, links, walls, cell, work, strips, s, mail
+            )
+        meet(strips.meeting, strips.threads)
+        return 0, add_up(motion, walls, strips, mail)
     for step in range(steps):
         if 2.0 * work.travelled[0] > room:
             # Far less than the sum of the longest steps, where particles shake.
             sheared = cell.strain[0] - lists.strain[0]
-            work.travelled[0] = farthest(motion.x, motion.y, lists.x, lists.y, sheared)
+            for s in range(lower, upper):
+                a, b = strips.vertex[s], strips.vertex[s + 1]
+                strips.farthest[s] = farthest(
+                    motion.x[a:b], motion.y[a:b], lists.x[a:b], lists.y[a:b], sheared
+                )
+            meet(strips.meeting, strips.threads)
+            work.travelled[0] = strips.farthest.max()
             work.travelled[0] += 0.5 * np.abs(sheared) * lists.span[0]
             if 2.0 * work.travelled[0] > ENOUGH * room:
                 return step, LISTS_USED_UP
         rate = cell.strain[1]
-        kick(motion, mass, held, drag, rate, half, energy)
-        bodies.kick(rigid, chains.start, motion, drag, half)
         strain = 0.0
         if periodic:
             phase = cell.wave[1] * dt
@@ -251,21 +329,41 @@ def march(
             cell.strain[0] = new
             cell.strain[1] = cell.wave[0] * cell.wave[1] * np.cos(phase * cell.steps[0])
             cell.strain[2] = strain / dt
-            pulled, lost = virial(motion, cell)
-            energy[SHEARING] -= 0.5 * strain * (pulled + lost)
-            energy[DAMPING] -= 0.5 * strain * lost
-            if lossy:
-                spend(motion, drag, rate, half, energy)
-            energy[SHEARING] += shear_positions(motion, mass, 0.5 * strain)
             work.travelled[0] += 0.5 * np.abs(strain) * lists.span[0]
-        fastest = drift(motion, dt)
-        fastest = max(fastest, bodies.drift(rigid, chains.start, motion, dt))
-        if periodic:
-            energy[SHEARING] += shear_positions(motion, mass, 0.5 * strain)
-        if lossy:
-            if not periodic:
-                spend(motion, drag, rate, half, energy)
-            predict(motion, mass, drag, rate, cell.strain[1], half)
+
+        for s in range(lower, upper):
+            own, mass, energy = motion, chains.mass, work.ledger[s]
+            if several:
+                own = motion_of(motion, strips, s)
+                mass = mass[strips.vertex[s] : strips.vertex[s + 1]]
+            one, end = strips.chain[s], strips.chain[s + 1]
+            kick(own, mass, drag, rate, half)
+            impose(motion, held, strips.held[s], strips.held[s + 1], drag, half, energy)
+            bodies.kick(rigid, chains.start, motion, drag, half, one, end)
+            if periodic:
+                pulled, lost = virial(own, cell.images[s])
+                energy[SHEARING] -= 0.5 * strain * (pulled + lost)
+                energy[DAMPING] -= 0.5 * strain * lost
+                if lossy:
+                    spend(own, drag, rate, half, energy)
+                energy[SHEARING] += shear_positions(own, mass, 0.5 * strain)
+            fastest = drift(own, dt)
+            strips.fastest[s] = max(
+                fastest, bodies.drift(rigid, chains.start, motion, dt, one, end)
+            )
+            if periodic:
+                energy[SHEARING] += shear_positions(own, mass, 0.5 * strain)
+            if lossy:
+                if not periodic:
+                    spend(own, drag, rate, half, energy)
+                predict(own, mass, drag, rate, cell.strain[1], half)
+        for s in range(lower, upper):
+            own_forces(chains, motion, cell, work, strips, s, damped)
+        meet(strips.meeting, strips.threads)
+
+        fastest = 0.0
+        for s in range(strips.fastest.shape[0]):
+            fastest = max(fastest, strips.fastest[s])
         if not np.isfinite(fastest):
             return step, NOT_FINITE
         if fastest * dt * dt > leap * leap:
@@ -276,30 +374,45 @@ def march(
                 net = walls.load[w] - walls.push[w] - walls.damping[w] * walls.velocity[w]
                 walls.velocity[w] += half * net / walls.mass[w]
             walls.position[w] += dt * walls.velocity[w]
-            power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
-            walls.work[w] += half * power
-            energy[DAMPING] += half * walls.loss[w] * walls.velocity[w]
+        settle(walls, strips, half, work)
+        for s in range(lower, upper):
+            pair_forces(
+                chains, lists, rules, motion, springs, links, walls, cell, work, strips, s, mail
+            )
+        meet(strips.meeting, strips.threads)
 
-        status = apply_forces(
-            chains, lists, rules, motion, springs, links, walls, cell, work, damped
-        )
-
-        if lossy:
-            spend(motion, drag, cell.strain[1], half, energy)
-        if periodic:
-            pulled, lost = virial(motion, cell)
-            energy[SHEARING] -= 0.5 * strain * (pulled + lost)
-            energy[DAMPING] -= 0.5 * strain * lost
-        kick(motion, mass, held, drag, cell.strain[1], half, energy)
-        bodies.kick(rigid, chains.start, motion, drag, half)
-        bodies.carry(rigid, chains.start, motion)
+        status = add_up(motion, walls, strips, mail)
+        for s in range(lower, upper):
+            own, mass, energy = motion, chains.mass, work.ledger[s]
+            if several:
+                own = motion_of(motion, strips, s)
+                mass = mass[strips.vertex[s] : strips.vertex[s + 1]]
+            if lossy:
+                spend(own, drag, cell.strain[1], half, energy)
+            if periodic:
+                pulled, lost = virial(own, cell.images[s])
+                energy[SHEARING] -= 0.5 * strain * (pulled + lost)
+                energy[DAMPING] -= 0.5 * strain * lost
+            kick(own, mass, drag, cell.strain[1], half)
+            impose(motion, held, strips.held[s], strips.held[s + 1], drag, half, energy)
+            one, end = strips.chain[s], strips.chain[s + 1]
+            bodies.kick(rigid, chains.start, motion, drag, half, one, end)
+            bodies.carry(rigid, chains.start, motion, one, end)
+        settle(walls, strips, half, work)
         for w in range(planes):
-            power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
-            walls.work[w] += half * power
-            energy[DAMPING] += half * walls.loss[w] * walls.velocity[w]
             if walls.mass[w] > 0.0:
                 net = walls.load[w] - walls.push[w] - walls.damping[w] * walls.velocity[w]
                 walls.velocity[w] += half * net / walls.mass[w]
         if status != RUNNING:
             return step + 1, status
     return steps, RUNNING
+
+
+@jit(inner=True)
+def settle(walls: Walls, strips: Strips, half: float, work: Work) -> None:
+    """Add half a step of the work of walls, and of what their dashpots take."""
+    for w in range(walls.nx.shape[0]):
+        power = walls.push[w] * walls.velocity[w] + walls.drive[w] * walls.slide[w]
+        walls.work[w] += half * power
+        if strips.thread == 0:
+            work.ledger[0, DAMPING] += half * walls.loss[w] * walls.velocity[w]

@@ -137,7 +137,7 @@ def at_rest(x: FloatArray, y: FloatArray, radius: FloatArray, width: float, heig
         low, left = float(y.min()), float(x.min())
         _, i, j, _, _ = find_pairs(
             x - left, y - low, radius, SKIN, float(np.ptp(x)) + 2 * reach,
-            float(np.ptp(y)) + 2 * reach, 0.0,
+            float(np.ptp(y)) + 2 * reach, 0.0, 0, len(x),
         )  # fmt: skip
         steps, force, overlap = _relax(
             x, y, radius, i, j, width, height, vx, vy, pace, 0.5 * SKIN, MOST_STEPS - done
@@ -219,7 +219,7 @@ def loose_discs(count: int, spread: float, fraction: float, rng: np.random.Gener
     for _ in range(MOST_STEPS):
         x %= side
         y %= side
-        _, i, j, nx, ny = find_pairs(x, y, swollen, 0.0, side, side, 0.0)
+        _, i, j, nx, ny = find_pairs(x, y, swollen, 0.0, side, side, 0.0, 0, count)
         dx, dy = x[j] - x[i] + side * nx, y[j] - y[i] + side * ny
         distance = np.hypot(dx, dy)
         touch = swollen[i] + swollen[j]

@@ -4,20 +4,33 @@ import numpy as np
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
-from shear_sim.models.soft_particle.state import LAST, ONE_SIDED, TWO_SIDED, Cell, Chains, Lists
+from shear_sim.models.soft_particle.state import (
+    LAST,
+    ONE_SIDED,
+    TWO_SIDED,
+    Cell,
+    Chains,
+    Lists,
+    Strips,
+)
 from shear_sim.neighbours import find_pairs
+from shear_sim.threads import new_meeting, together
 
 
 @jit
-def distance_to_segment(x: float, y: float, x0: float, y0: float, x1: float, y1: float) -> float:
-    """Return the distance [m] of a point from a segment, ends included."""
-    ex, ey = x1 - x0, y1 - y0
-    along = ((x - x0) * ex + (y - y0) * ey) / (ex * ex + ey * ey)
-    along = min(1.0, max(0.0, along))
-    return float(np.hypot(x - x0 - along * ex, y - y0 - along * ey))
+def is_near(x: float, y: float, x0: float, y0: float, x1: float, y1: float, reach: float) -> bool:
+    """Tell whether a point is within ``reach`` [m] of a segment, ends included."""
+    ex, ey, qx, qy = x1 - x0, y1 - y0, x - x0, y - y0
+    along, square = qx * ex + qy * ey, ex * ex + ey * ey
+    limit = reach * reach
+    across = qx * ey - qy * ex
+    # Without branches: which way they go is hard to guess.
+    near = (along > 0.0) & (along < square) & (across * across < limit * square)
+    near |= (qx * qx + qy * qy < limit) | ((qx - ex) ** 2 + (qy - ey) ** 2 < limit)
+    return bool(near)
 
 
-@jit
+@jit(inline="always")
 def contact_kind(
     chain: Ints,
     closed: Ints,
@@ -44,6 +57,8 @@ def contact_kind(
         return -1
     one, other = chain[v], chain[s]
     reach = radius[one] + radius[other]
+    if not is_near(x[v] - sx, y[v] - sy, x[s], y[s], x[j], y[j], reach + skin):
+        return -1
     kind = ONE_SIDED if closed[other] == 1 else TWO_SIDED if after[j] >= 0 else LAST
     if one == other and ix == 0 and iy == 0:
         # What is near along the chain is kept apart by hinges, not by contacts.
@@ -51,14 +66,13 @@ def contact_kind(
         steps = min(abs(v - s), abs(v - j))
         if closed[one] == 1:
             steps = min(steps, count - max(abs(v - s), abs(v - j)))
-        if steps <= max(3, int(np.ceil(0.5 * np.pi * reach / rest_length[s]))):
+        if steps <= 3 or (steps - 1) * rest_length[s] < 0.5 * np.pi * reach:
             return -1
         kind = max(kind, TWO_SIDED)
-    near = distance_to_segment(x[v] - sx, y[v] - sy, x[s], y[s], x[j], y[j]) < reach + skin
-    return kind if near else -1
+    return kind
 
 
-@jit
+@jit(nogil=True)
 def sort_by_vertex(
     chain: Ints,
     closed: Ints,
@@ -75,10 +89,13 @@ def sort_by_vertex(
     size: Floats,
     strain: float,
     skin: float,
+    first: int,
+    end: int,
 ) -> tuple[Ints, Ints, Ints, Ints]:
     """Return vertex, segment, kind and image of `near_segments` from near pairs of vertices.
 
-    ``i`` and the image ``nx``, ``ny`` of ``j`` (P,) are near each other.
+    ``i`` and the image ``nx``, ``ny`` of ``j`` (P,) are near each other. Listed are segments near
+    the vertices from ``first`` to before ``end``.
     """
     vertices = x.shape[0]
     kind = np.empty((2, i.shape[0]), np.int32)
@@ -86,6 +103,9 @@ def sort_by_vertex(
     for q in range(i.shape[0]):
         for way in range(2):
             v, s = (i[q], j[q]) if way == 0 else (j[q], i[q])
+            if not first <= v < end:
+                kind[way, q] = -1
+                continue
             sign = 1 if way == 0 else -1
             ix, iy = sign * nx[q], sign * ny[q]
             kind[way, q] = contact_kind(
@@ -120,7 +140,9 @@ def sort_by_vertex(
     return vertex, segment, kinds, image
 
 
-def near_segments(chains: Chains, x: Floats, y: Floats, skin: float, cell: Cell) -> Lists:
+def near_segments(
+    chains: Chains, x: Floats, y: Floats, skin: float, cell: Cell, strips: Strips, threads: int
+) -> Lists:
     """Return the segments that each vertex may touch before anything has moved by ``skin``/2.
 
     Parameters
@@ -131,6 +153,10 @@ def near_segments(chains: Chains, x: Floats, y: Floats, skin: float, cell: Cell)
         Listed are segments closer than the two radii plus this [m].
     cell : Cell
         The periodic cell, if there is one.
+    strips : Strips
+        How the vertices are divided.
+    threads : int
+        How many share the work, each of which has some strips.
     """
     ahead = np.where(chains.after >= 0, chains.after, np.arange(len(x)))
     longest = float(np.hypot(x[ahead] - x, y[ahead] - y).max())
@@ -140,31 +166,44 @@ def near_segments(chains: Chains, x: Floats, y: Floats, skin: float, cell: Cell)
     width, height = cell.size
     strain = float(cell.strain[0])
     if height > 0.0:
-        row = np.floor(y / height)
-        column = np.floor((x - row * strain * height) / width)
-        inside = x - column * width - row * strain * height, y - row * height
-        inside = np.clip(inside[0], 0.0, width), np.clip(inside[1], 0.0, height)
-        _, i, j, nx, ny = find_pairs(*inside, half, skin, width, height, strain * height)
-        nx = (nx + column[i] - column[j]).astype(np.int32)
-        ny = (ny + row[i] - row[j]).astype(np.int32)
+        row = np.floor(y / height).astype(np.int32)
+        column = np.floor((x - row * strain * height) / width).astype(np.int32)
+        inside_x = np.clip(x - column * width - row * strain * height, 0.0, width)
+        inside_y = np.clip(y - row * height, 0.0, height)
+        offset = strain * height
     else:
-        x0, y0 = float(x.min()), float(y.min())
-        room = 2.0 * (reach + skin)
+        row = column = np.zeros(len(x), np.int32)
+        inside_x, inside_y, offset = x - x.min(), y - y.min(), 0.0
+        room = 2.0 * (reach + skin)  # so that no image is near
+        width, height = np.ptp(x) + room, np.ptp(y) + room
+
+    strip_count = len(strips.vertex) - 1
+    parts = min(threads, strip_count)
+    found = {}
+
+    def search(part: int) -> None:
+        first = int(strips.vertex[strip_count * part // parts])
+        end = int(strips.vertex[strip_count * (part + 1) // parts])
         _, i, j, nx, ny = find_pairs(
-            x - x0, y - y0, half, skin, float(np.ptp(x)) + room, float(np.ptp(y)) + room, 0.0
+            inside_x, inside_y, half, skin, float(width), float(height), float(offset), first, end
         )
-        nx, ny = np.zeros_like(nx), np.zeros_like(ny)
-    vertex, segment, kind, image = sort_by_vertex(
-        chains.chain, chains.closed, chains.start, chains.after, chains.radius,
-        chains.rest_length, x, y, i, j, nx, ny, cell.size, strain, skin,
-    )  # fmt: skip
+        found[part] = sort_by_vertex(
+            chains.chain, chains.closed, chains.start, chains.after, chains.radius,
+            chains.rest_length, x, y, i, j, nx + column[i] - column[j], ny + row[i] - row[j],
+            cell.size, strain, skin, first, end,
+        )  # fmt: skip
+
+    together(parts, new_meeting(), search)
+    vertex, segment, kind, image = (
+        np.concatenate([found[part][what] for part in range(parts)], axis=-1) for what in range(4)
+    )
     touch = chains.radius[chains.chain[vertex]] + chains.radius[chains.chain[segment]]
-    count = len(vertex)
+    pairs = len(vertex)
     lists = Lists(
-        vertex, segment, kind, touch, image, np.zeros((2, count)), np.array([strain]),
+        vertex, segment, kind, touch, tuple(image), tuple(np.zeros((2, pairs))), np.array([strain]),
         np.array([reach + skin + longest]), x.copy(), y.copy(),
-        np.empty(count, np.int32), np.empty((3 * count, 4), np.int32), np.empty((3 * count, 7)),
-        np.empty(3 * count, np.int32),
+        np.empty(pairs, np.int32), np.empty((3 * pairs, 4), np.int32), np.empty((3 * pairs, 7)),
+        np.empty(3 * pairs, np.int32), np.searchsorted(vertex, strips.vertex).astype(np.int32),
     )  # fmt: skip
     shift_images(lists, cell)
     return lists
@@ -175,6 +214,6 @@ def shift_images(lists: Lists, cell: Cell) -> None:
     """Write where the images are now that the segments of all pairs belong to."""
     width, height, strain = cell.size[0], cell.size[1], cell.strain[0]
     for c in range(lists.segment.shape[0]):
-        nx, ny = lists.image[0, c], lists.image[1, c]
-        lists.shift[0, c] = nx * width + ny * strain * height
-        lists.shift[1, c] = ny * height
+        nx, ny = lists.image[0][c], lists.image[1][c]
+        lists.shift[0][c] = nx * width + ny * strain * height
+        lists.shift[1][c] = ny * height

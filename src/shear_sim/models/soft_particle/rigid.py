@@ -11,11 +11,18 @@ from shear_sim.compiled import jit
 from shear_sim.models.soft_particle.state import Chains, Motion, Rigid
 
 
-@jit
-def kick(rigid: Rigid, start: Ints, motion: Motion, drag: float, half: float) -> None:
-    """Change the velocities of all rigid bodies by half a step ``half`` [s] of their forces."""
+@jit(inner=True)
+def kick(
+    rigid: Rigid, start: Ints, motion: Motion, drag: float, half: float, lower: int, upper: int
+) -> None:
+    """Change the velocities of rigid bodies by half a step ``half`` [s] of their forces.
+
+    Here and below: of those that are chains from ``lower`` to before ``upper``.
+    """
     for b in range(rigid.chain.shape[0]):
         p = rigid.chain[b]
+        if not lower <= p < upper:
+            continue
         fx = fy = torque = 0.0
         for k in range(start[p], start[p + 1]):
             gx = motion.fx[k] + motion.dx[k] - drag * motion.px[k]
@@ -28,12 +35,14 @@ def kick(rigid: Rigid, start: Ints, motion: Motion, drag: float, half: float) ->
         rigid.spin[b] += half * torque / rigid.inertia[b]
 
 
-@jit
-def drift(rigid: Rigid, start: Ints, motion: Motion, dt: float) -> float:
-    """Move all rigid bodies by a step; return the largest square of a velocity [m²/s²]."""
+@jit(inner=True)
+def drift(rigid: Rigid, start: Ints, motion: Motion, dt: float, lower: int, upper: int) -> float:
+    """Move rigid bodies by a step; return the largest square of a velocity [m²/s²]."""
     fastest = 0.0
     for b in range(rigid.chain.shape[0]):
         p = rigid.chain[b]
+        if not lower <= p < upper:
+            continue
         rigid.x[b] += dt * rigid.vx[b]
         rigid.y[b] += dt * rigid.vy[b]
         rigid.angle[b] += dt * rigid.spin[b]
@@ -50,10 +59,12 @@ def drift(rigid: Rigid, start: Ints, motion: Motion, dt: float) -> float:
 
 
 @jit
-def carry(rigid: Rigid, start: Ints, motion: Motion) -> None:
+def carry(rigid: Rigid, start: Ints, motion: Motion, lower: int, upper: int) -> None:
     """Give the vertices of rigid bodies the velocities of the present instant."""
     for b in range(rigid.chain.shape[0]):
         p = rigid.chain[b]
+        if not lower <= p < upper:
+            continue
         for k in range(start[p], start[p + 1]):
             motion.vx[k] = rigid.vx[b] - rigid.spin[b] * (motion.y[k] - rigid.y[b])
             motion.vy[k] = rigid.vy[b] + rigid.spin[b] * (motion.x[k] - rigid.x[b])
@@ -78,5 +89,5 @@ def freeze_shapes(chains: Chains, motion: Motion, rigid: Ints) -> Rigid:
         spin = (m * (body.armx[part] * vy - body.army[part] * vx)).sum()
         body.spin[b] = spin / body.inertia[b]
         motion.free_x[part] = motion.free_y[part] = 0.0
-    carry(body, chains.start, motion)
+    carry(body, chains.start, motion, 0, len(chains.closed))
     return body

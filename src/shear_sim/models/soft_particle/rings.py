@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.models.soft_particle import strips
 from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
 from shear_sim.models.soft_particle.kernels import ring_area
 from shear_sim.models.soft_particle.parameters import SoftParticle, SoftParticlePacking
@@ -120,7 +121,17 @@ def rings_in_discs(
         matrix = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
         centre = packing.radius * outside * np.array([at_x, at_y])
         bodies.append(replace(ring, points=ring.points @ matrix + centre))
-    return bodies
+    return in_rows(bodies)
+
+
+def in_rows(bodies: list[Body]) -> list[Body]:
+    """Return particles from the lowest to the highest, if they are more than one strip.
+
+    Then few contacts are between strips: see ``strips``.
+    """
+    if sum(len(body.points) for body in bodies) < 2 * strips.STRIP:
+        return bodies
+    return sorted(bodies, key=lambda body: float(body.points[:, 1].mean()))
 
 
 def shapes(chains: Chains, motion: Motion) -> tuple[float, float]:

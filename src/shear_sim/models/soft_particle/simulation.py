@@ -37,8 +37,6 @@ from shear_sim.streams import Streams
 class SoftParticleSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
-    threads = 1
-
     def __init__(self, point: SoftParticlePoint, streams: Streams) -> None:
         self.point = point.resolved()
         shear = self.point.shear
@@ -60,6 +58,15 @@ class SoftParticleSimulation:
         self.done = 0
         self._records: list[dict[str, float]] = []
         self.snapshots: list[Snapshot] = []
+
+    @property
+    def threads(self) -> int:
+        """Cores that it may use; the bits are the same with any."""
+        return self.run.system.threads
+
+    @threads.setter
+    def threads(self, threads: int) -> None:
+        self.run.system.threads = threads
 
     @property
     def rows(self) -> int:

@@ -109,7 +109,7 @@ def _between_chains(system: System) -> Iterator[_Contact]:
     x, y, before, after = motion.x, motion.y, chains.before, chains.after
     springs = system.springs
     listed = (lists.vertex, lists.segment, lists.kind, lists.reach)
-    shifts = lists.shift.T.tolist()
+    shifts = np.transpose(lists.shift).tolist()
     for v, s, kind, reach, shift in zip(*(each.tolist() for each in listed), shifts, strict=True):
         j = int(after[s])
         at = float(x[v]) - shift[0], float(y[v]) - shift[1]

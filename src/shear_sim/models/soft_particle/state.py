@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from shear_sim.cell import Floats, Ints
+from shear_sim.threads import Meeting
 
 # Laws of the core: pressure p of the area A, see ``kernels.core_pressure``.
 HOLLOW, ELASTIC, DRAINED, GAS, LOGARITHMIC = 0, 1, 2, 3, 4
@@ -19,6 +20,7 @@ RUNNING, LISTS_USED_UP, NOT_FINITE, TOO_FAST, TOO_MANY_RUNS = 0, 1, 2, 3, 4  # s
 # Work done and energy lost so far, each by its own force [J/m]: places in ``Work.energy``.
 STRETCH_YIELD, BEND_YIELD, DAMPING, DRAG, SLIDING, SEPARATION, IMPOSED, BROKEN, SHEARING = range(9)
 ENERGIES = 9
+LINE = 16  # numbers between what strips write at once: each has cache lines of its own
 
 SLOTS = 4  # separate places where one vertex can touch with friction at once
 
@@ -79,8 +81,8 @@ class Lists(NamedTuple):
     segment: Ints  # (C,)
     kind: Ints  # (C,) ONE_SIDED, TWO_SIDED or LAST
     reach: Floats  # (C,) distance of touching, the sum of both radii [m]
-    image: Ints  # (2, C) widths and heights of the cell by which the segment is displaced
-    shift: Floats  # (2, C) that displacement in x and y, now [m]
+    image: tuple[Ints, ...]  # 2 of (C,): widths, heights of the cell that the segment is off by
+    shift: tuple[Floats, ...]  # 2 of (C,): that displacement in x and y, now [m]
     strain: Floats  # (1,) of the cell when the lists were made
     span: Floats  # (1,) bound on the distance of a vertex from either end of its segments [m]
     x: Floats  # (V,) where the vertices were when the lists were made [m]
@@ -89,6 +91,7 @@ class Lists(NamedTuple):
     place: Ints  # (3C, 4)
     found: Floats  # (3C, 7)
     run: Ints  # (3C,)
+    first: Ints  # (S + 1,) pair that each strip begins with, and C
 
 
 # Contact from outside a ring; with an open chain or the own one; with the last segment of one.
@@ -102,8 +105,8 @@ class Cell(NamedTuple):
     wave: Floats  # (2,) A and ω [1/s]
     steps: Ints  # (1,) made since γ = 0
     strain: Floats  # (3,) γ and γ̇ [1/s] now, and the mean γ̇ of the step before
-    #: (2, 4) of forces and of dashpots: Σ f_x s_x, Σ f_x s_y, Σ f_y s_x, Σ f_y s_y, s: displacement
-    #: of the image that each contact is with [N]
+    #: (S, 2, 4) of each strip, of forces and of dashpots: Σ f_x s_x, Σ f_x s_y, Σ f_y s_x,
+    #: Σ f_y s_y, s: displacement of the image that each contact is with [N]
     images: Floats
 
 
@@ -180,12 +183,41 @@ class Work(NamedTuple):
     """What a march writes down."""
 
     energy: Floats  # (ENERGIES,) [J/m]
+    ledger: Floats  # (S, LINE) of which that is the sum: what each strip has written down [J/m]
     travelled: Floats  # (1,) bound on any displacement since the lists were made [m]
     # Least distance / distance of touching of any contact so far: of those from outside, with a
     # sign, and of two-sided ones.
     closest: Floats  # (2,)
-    scratch: Floats  # (8, V) room for bars and hinges
+    scratch: tuple[Floats, ...]  # 8 of (V,): room for bars and hinges
     held: Ints  # (V,) features that a vertex touched with friction at the step before
+
+
+class Strips(NamedTuple):
+    """S strips of whole chains, and which of them a thread has, see ``strips``."""
+
+    thread: int
+    threads: int
+    lower: int  # the first strip of this thread
+    upper: int  # one past its last
+    meeting: Meeting  # where threads wait for each other
+    chain: Ints  # (S + 1,) first chain of each strip, and N
+    vertex: Ints  # (S + 1,) its first vertex, and V
+    start: Ints  # (N + S,) ``Chains.start`` of each strip, counted from its first vertex
+    held: Ints  # (S + 1,) its first of the vertices with an imposed velocity, and H
+    link: Ints  # (S + 1,) its first link, and L
+    fastest: Floats  # (S,) largest square of a velocity [m²/s²]
+    farthest: Floats  # (S,) largest distance from where the lists were made [m]
+    status: Ints  # (S,)
+    walls: Floats  # (S, 3, W) push, loss and drive of the walls on each strip [N/m]
+
+
+class Mail(NamedTuple):
+    """Forces of each strip on vertices of others, in the order in which they are found."""
+
+    first: Ints  # (S + 1,) where the room of each strip begins
+    sent: Ints  # (S, LINE) of which the first is how many there are
+    vertex: Ints  # (M,) a vertex; −1 − vertex: of a dashpot
+    force: Floats  # (M, 2) [N/m]
 
 
 def springs(vertices: int, walls: int) -> Springs:
@@ -197,20 +229,21 @@ def springs(vertices: int, walls: int) -> Springs:
     )
 
 
-def work(vertices: int) -> Work:
+def work(vertices: int, strips: int) -> Work:
     """Return the ledger of a march that begins."""
     return Work(
         np.zeros(ENERGIES),
+        np.zeros((strips, LINE)),
         np.zeros(1),
         np.full(2, np.inf),
-        np.zeros((8, vertices)),
+        tuple(np.zeros((8, vertices))),
         np.zeros(vertices, np.int32),
     )
 
 
-def cell(width: float = 0.0, height: float = 0.0) -> Cell:
+def cell(strips: int, width: float = 0.0, height: float = 0.0) -> Cell:
     """Return a cell without shear."""
     return Cell(
         np.array([width, height]), np.zeros(2), np.zeros(1, np.int32), np.zeros(3),
-        np.zeros((2, 4)),
+        np.zeros((strips, 2, 4)),
     )  # fmt: skip

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.bodies import Body, assemble
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
+from shear_sim.models.soft_particle.guards import misshapen
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
 from shear_sim.models.soft_particle.links import glue, link_energy, no_links
-from shear_sim.models.soft_particle.motion import apply_forces, march
+from shear_sim.models.soft_particle.motion import march
 from shear_sim.models.soft_particle.pairs import near_segments
 from shear_sim.models.soft_particle.rigid import freeze_shapes
 from shear_sim.models.soft_particle.state import (
@@ -39,6 +40,7 @@ from shear_sim.models.soft_particle.state import (
     work,
 )
 from shear_sim.models.soft_particle.state import cell as no_cell
+from shear_sim.models.soft_particle.strips import divide, in_threads, mail, sort_links
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -50,8 +52,6 @@ NEAREST = 0.25
 SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
 SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less
 CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
-SHARPEST = 0.95 * math.pi  # turning angle of a hinge that counts as folded
-SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths / rest length, area / area at the start
 
 
 class Wall(NamedTuple):
@@ -205,11 +205,14 @@ class System:
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         self.springs = springs(vertices, len(table))
-        self.work = work(vertices)
-        self.cell = no_cell() if cell is None else no_cell(*cell)
+        self.strips = divide(self.chains, len(table))
+        strips = len(self.strips.status)
+        self.work = work(vertices, strips)
+        self.cell = no_cell(strips) if cell is None else no_cell(strips, *cell)
         self.links = no_links()
         self.rigid = freeze_shapes(self.chains, self.motion, np.zeros(0, np.int32))
         self.held = np.zeros(0, np.int32)
+        self.threads = 1
         self.skin = SKIN * thin
         self._listed = 0
         self.leap = 0.5 * thin
@@ -225,6 +228,7 @@ class System:
         at_once = self.rules._replace(step=0.0)  # so that no spring is stretched by it
         self._forces(at_once)
         self.work.energy[:] = 0.0
+        self.work.ledger[:] = 0.0
         self.walls.work[:] = 0.0
         self._x0, self._y0 = self.motion.x.copy(), self.motion.y.copy()
         self._at_start = 0.0
@@ -234,14 +238,25 @@ class System:
         flow = self.cell.strain[1] * self.motion.free_x * self.motion.y
         self.motion.px[:] = self.motion.vx + flow
         self.motion.py[:] = self.motion.vy
-        status = apply_forces(
-            self.chains, self.lists, rules, self.motion, self.springs, self.links, self.walls,
-            self.cell, self.work, self.damped,
-        )  # fmt: skip
+        _, status = self._march(rules, 0)
         self._guard(status)
 
+    def _march(self, rules: Rules, steps: int) -> tuple[int, int]:
+        return in_threads(
+            self.threads, self.strips, self.walls, self.cell, self.work,
+            lambda strips, walls, cell, work: march(
+                self.chains, self.lists, rules, self.motion, self.springs, self.links, self.rigid,
+                self.held, walls, cell, work, strips, self.mail, steps, self.skin, self.leap,
+                self.damped,
+            ),
+        )  # fmt: skip
+
     def _list(self) -> None:
-        self.lists = near_segments(self.chains, self.motion.x, self.motion.y, self.skin, self.cell)
+        self.lists = near_segments(
+            self.chains, self.motion.x, self.motion.y, self.skin, self.cell, self.strips,
+            self.threads,
+        )  # fmt: skip
+        self.mail = mail(self.lists, self.strips)
         if len(self.held):  # which the flow of the cell leaves behind
             self.lists.span[0] += np.abs(self.motion.y[self.held]).max()
         self.work.travelled[0] = 0.0
@@ -272,11 +287,7 @@ class System:
         """
         target = self.steps + steps
         while self.steps < target:
-            done, status = march(
-                self.chains, self.lists, self.rules, self.motion, self.springs, self.links,
-                self.rigid, self.held, self.walls, self.cell, self.work,
-                target - self.steps, self.skin, self.leap, self.damped,
-            )  # fmt: skip
+            done, status = self._march(self.rules, target - self.steps)
             self.steps += done
             if status == LISTS_USED_UP:
                 status = RUNNING
@@ -315,7 +326,8 @@ class System:
                 (fy * m.x + mass * m.vy * m.vx).sum(), (fy * lever + mass * m.vy * m.vy).sum(),
             ]
         )  # fmt: skip
-        return np.asarray((sums - self.cell.images.sum(axis=0)) / self.cell.size.prod())
+        images = self.cell.images.sum(axis=0).sum(axis=0)
+        return np.asarray((sums - images) / self.cell.size.prod())
 
     def shrink(self, factor: float) -> None:
         """Bring chains nearer to each other, and the edges of the cell, without a change of shape.
@@ -347,6 +359,8 @@ class System:
         moved = (motion.free_x == 0.0) | (motion.free_y == 0.0)
         moved &= ~np.isin(self.chains.chain, self.rigid.chain)
         self.held = np.flatnonzero(moved).astype(np.int32)
+        first = np.searchsorted(self.held, self.strips.vertex).astype(np.int32)
+        self.strips = self.strips._replace(held=first)
 
     def make_rigid(self, particles: IndexArray) -> None:
         """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
@@ -360,7 +374,9 @@ class System:
         ValueError
             If none are, or two that are to be linked are not, or the step is too long with links.
         """
-        self.links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
+        links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
+        self.links, self.strips = sort_links(links, self.strips)
+        self.mail = mail(self.lists, self.strips)
         highest = (2.0 / self.stable_step) ** 2
         # Two links at a vertex or segment, with at most 2 k each.
         highest += 4.0 * float(self.links.law[:2].max()) / float(self.chains.mass.min())
@@ -403,44 +419,10 @@ class System:
                 "shorter time_step, or slower walls"
             )
         else:
-            problem = self._misshapen()
+            problem = misshapen(self.chains, self.motion.x, self.motion.y)
         if problem:
             msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
             raise SimulationError(msg)
-
-    def _misshapen(self) -> str:
-        """Return what is wrong with the first particle that is no ring or chain any more."""
-        chains, x, y = self.chains, self.motion.x, self.motion.y
-        ahead = np.where(chains.after >= 0, chains.after, np.arange(len(x)))
-        ex, ey = x[ahead] - x, y[ahead] - y
-        length = np.hypot(ex, ey) / chains.rest_length
-        bars = chains.after >= 0
-        wrong = np.flatnonzero(bars & ((length < SHRUNK) | (length > STRETCHED)))
-        if len(wrong):
-            k = int(wrong[0])
-            return (
-                f"particle {chains.chain[k]}: a segment has {length[k]:.3g} of its rest length: "
-                "a larger stretch stiffness, or less load"
-            )
-        hinges = bars & (chains.before >= 0)
-        back = np.where(hinges, chains.before, 0)
-        ax, ay = ex[back], ey[back]
-        turn = np.abs(np.arctan2(ax * ey - ay * ex, ax * ex + ay * ey))
-        wrong = np.flatnonzero(hinges & (turn > SHARPEST))
-        if len(wrong):
-            k = int(wrong[0])
-            return (
-                f"particle {chains.chain[k]} is folded by {np.degrees(turn[k]):.0f} degrees at a "
-                "vertex: more vertices, a larger bending stiffness or bend_yield, or less load"
-            )
-        for p in np.flatnonzero(chains.closed):
-            share = self.area(int(p)) / chains.core_area[p]
-            if share < EMPTY:
-                return (
-                    f"particle {p} has {share:.3g} of its area: a core, a larger bending "
-                    "stiffness, or less load"
-                )
-        return ""
 
     def kinetic(self) -> float:
         """Return ½ Σ m v_{n−½}·v_{n+½} [J/m], the kinetic energy that (SP.9) balances."""

@@ -13,7 +13,7 @@ from shear_sim.models.soft_particle.driving import Tension
 from shear_sim.models.soft_particle.links import energy_at_criterion
 from shear_sim.models.soft_particle.packs import touching_discs
 from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint
-from shear_sim.models.soft_particle.rings import body, scales, shapes
+from shear_sim.models.soft_particle.rings import body, in_rows, scales, shapes
 from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.system import System, ledger
 from shear_sim.models.soft_particle.tissue import outline, tessellation
@@ -57,7 +57,7 @@ def tissue(point: SoftParticlePoint, rng: np.random.Generator) -> Tissue:
         raise SimulationError(str(error)) from error
     bodies = [body(model, packing.vertices, packing.radius, points) for points in outlines]
     sides = sum(int((cell.facing >= 0).sum()) for cell in cells) // 2
-    return Tissue(bodies, width, height, sides)
+    return Tissue(in_rows(bodies), width, height, sides)
 
 
 class Puller(Scenario):

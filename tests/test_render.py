@@ -23,6 +23,7 @@ from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
+from shear_sim.snapshots import read_snapshots, write_snapshots
 from shear_sim.study import load_study
 
 STUDY = """
@@ -122,6 +123,19 @@ def test_hidden_and_parted_interfaces_are_none():
     assert np.ptp(interfaces(covered)[0], axis=0) == pytest.approx([0, 0])
     link = snapshot([[3, 3], [6, 3]], 1.0, [(0, 1)], kind=LINK)  # stretched
     assert np.ptp(interfaces(link)[0], axis=0) == pytest.approx([0, 0])
+
+
+def test_discs_that_only_touch_have_an_interface_after_they_were_kept(tmp_path):
+    """Radii come back in 4 bytes, and so a little smaller or larger."""
+    radius = np.linspace(0.3, 0.9, 50)
+    place = np.cumsum(radius + np.append(0.0, radius[:-1]))
+    pairs = np.column_stack([np.arange(49), np.arange(1, 50)])
+    s = snapshot(np.column_stack([place, np.full(50, 5.0)]), radius, pairs, side=70.0)
+    write_snapshots(tmp_path, "touching", [s], {})
+    [kept] = read_snapshots(tmp_path, "touching")
+    gap = kept.separation[:, 0] - kept.radius[kept.i] - kept.radius[kept.j]
+    assert (gap > 0).sum() > 10
+    assert np.ptp(interfaces(kept), axis=1).any(axis=1).all()
 
 
 def test_pressures_of_particles_sum_to_that_of_the_cell():

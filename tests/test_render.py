@@ -44,6 +44,15 @@ seed: 1
 """
 
 
+BEAM = """
+packing: {vertices: 8}
+model: {kind: soft_particle, damping: 0, drag: 0}
+shear: {kind: bending, force: 1e-3}
+record: {snapshots: [1]}
+seed: 1
+"""
+
+
 def snapshot(position, radius, pairs=(), separation=None, side=10.0, offset=0.0, kind=CONTACT):
     """Discs placed by hand, in contacts of unit force."""
     position = np.asarray(position, float)
@@ -79,7 +88,7 @@ def area(polygon):
 
 def scene(snapshots, inches=4.0, **look):
     axis = Figure(figsize=(inches, inches)).add_axes((0, 0, 1, 1))
-    return Scene(axis, snapshots, np.zeros(len(snapshots)), **look)
+    return Scene(axis, snapshots, np.tile(np.eye(2), (len(snapshots), 1, 1)), **look)
 
 
 # --- Geometry ------------------------------------------------------------------------------------
@@ -162,7 +171,8 @@ def test_an_affine_deformation_displaces_nothing(still):
         width=side, height=side, offset=offset,
     )  # fmt: skip
     expected = away - away.mean(axis=0)
-    assert displacement(now, first, strain) == pytest.approx(expected, abs=1e-9)
+    gradient = 0.9 * np.array([[1.0, strain], [0.0, 1.0]])
+    assert displacement(now, first, gradient) == pytest.approx(expected, abs=1e-9)
 
 
 def test_particles_lie_in_the_rectangle_and_are_images_of_themselves():
@@ -347,11 +357,18 @@ seed: 1
 """
 
 
-def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
-    (tmp_path / "study.yaml").write_text(TISSUE)
-    (tmp_path / "jobs").mkdir()
-    [job] = load_study(tmp_path / "study.yaml").jobs()
-    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+@pytest.fixture(scope="module")
+def tissue(tmp_path_factory):
+    """A job of a torn tissue of nine cells, with its snapshots."""
+    folder = tmp_path_factory.mktemp("tissue")
+    (folder / "study.yaml").write_text(TISSUE)
+    (folder / "jobs").mkdir()
+    [job] = load_study(folder / "study.yaml").jobs()
+    return render.read_kept(run_job(job, folder / "jobs"))
+
+
+def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tissue, tmp_path):
+    kept = tissue
     render.write_picture(kept, tmp_path / "tissue.png", -1, "energy")
     with Image.open(tmp_path / "tissue.png") as image:
         assert image.size[0] > 1500
@@ -365,6 +382,47 @@ def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
     assert np.array_equal(stress, -kept.table.columns["stress_yy"])
     assert np.array_equal(broken, kept.table.columns["links_broken"])
     assert strain[-1] == pytest.approx(0.02)
+
+
+def lid(s):
+    """Where the lowest wall is that lies above the particles."""
+    return max(-position for nx, ny, position in s.walls if ny < 0)
+
+
+@pytest.mark.parametrize("which", ["box", "tissue"])
+def test_what_moves_as_a_lid_or_grips_do_is_not_displaced(which, request):
+    """Vertices at the same share of the height at all times; how high is known from the walls."""
+    kept = request.getfixturevalue(which)
+    first = kept.snapshots[0]
+    height = kept.table.summary["preparation"]["height"] if which == "tissue" else lid(first)
+    moved = []
+    for s in kept.snapshots:
+        ratio = 1 + (lid(s) - lid(first)) / height
+        moved.append(s._replace(position=first.position * [1.0, ratio]))
+    assert max(abs(lid(s) / lid(first) - 1) for s in kept.snapshots) > 0.01
+    for s, gradient in zip(moved, kept.gradient, strict=True):
+        away = displacement(s, first, gradient)
+        assert np.abs(away).max() < 1e-5 * height  # positions are kept in 4 bytes
+
+
+def test_a_cell_that_shrinks_has_a_gradient_of_both(jobs):
+    """Shear by γ and the same ratio of both sides, which those of the cell show."""
+    kept = render.read_kept(jobs["kept"])
+    smaller = [s._replace(height=s.height * 0.9**k) for k, s in enumerate(kept.snapshots)]
+    found = kept._replace(snapshots=smaller).gradient
+    strain = kept.table.columns["strain"][[s.row for s in smaller]]
+    assert strain[-1] == pytest.approx(0.2)
+    for k, gradient in enumerate(found):
+        assert gradient == pytest.approx(0.9**k * np.array([[1.0, strain[k]], [0.0, 1.0]]))
+
+
+def test_a_single_body_has_no_displacements(tmp_path):
+    (tmp_path / "study.yaml").write_text(BEAM)
+    (tmp_path / "jobs").mkdir()
+    [job] = load_study(tmp_path / "study.yaml").jobs()
+    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+    with pytest.raises(ResultsError, match="a single body, beside which nothing is displaced"):
+        render.write_picture(kept, tmp_path / "beam.png", -1, "displacement")
 
 
 def test_only_soft_particles_have_energies(jobs, tmp_path):

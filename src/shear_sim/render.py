@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
 from shear_sim.figures.shells import is_shells
-from shear_sim.models.interface import Columns, Snapshot
+from shear_sim.models.interface import BAR, Columns, Snapshot
 from shear_sim.results import ResultsError, advising, read_job
-from shear_sim.snapshots import beside, read_snapshots
+from shear_sim.snapshots import beside, clusters, read_snapshots
 from shear_sim.tables import Table
 
 if TYPE_CHECKING:
@@ -41,6 +41,24 @@ class Kept(NamedTuple):
         rows = [s.row for s in self.snapshots]
         strain = self.table.columns.get("strain")
         return np.zeros(len(rows)) if strain is None else np.asarray(strain[rows])
+
+    @property
+    def gradient(self) -> FloatArray:
+        """Imposed deformation gradient (n, 2, 2) at each snapshot: x was at the start, F x is now.
+
+        A lid or grips move in y alone, what their logarithmic strain says. A cell is sheared, and
+        shrinks in both directions alike where it does.
+        """
+        first, strain = self.snapshots[0], self.strain
+        made = np.tile(np.eye(2), (len(strain), 1, 1))
+        kind = self.table.summary["protocol"]["kind"]
+        if kind in {"compaction", "tension"}:
+            made[:, 1, 1] = np.exp(-strain if kind == "compaction" else strain)
+        else:
+            made[:, 0, 1] = strain
+        if first.periodic:
+            made *= np.array([s.height / first.height for s in self.snapshots])[:, None, None]
+        return made
 
 
 def read_kept(path: Path) -> Kept:
@@ -155,6 +173,9 @@ def _check_colour(kept: Kept, colour: str) -> None:
             "--colour"
         )
         raise ResultsError(msg)
+    if colour == "displacement" and (first.kind == BAR).any() and np.ptp(clusters(first)) == 0:
+        msg = f"{kept.path}: a single body, beside which nothing is displaced: another --colour"
+        raise ResultsError(msg)
     turns = is_shells(first) or any(s.spin.any() for s in kept.snapshots)
     if colour == "spin" and not turns:
         msg = (
@@ -172,7 +193,7 @@ class _Stage:
         across, down = (float(a) for a in figure.get_size_inches())
         room = across - PANEL
         axis = figure.add_axes((0.0, 0.0, room / across, 1.0))
-        self.scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
+        self.scene = Scene(axis, kept.snapshots, kept.gradient, colour, contacts)
         left, wide = (room + 0.7) / across, (PANEL - 0.82) / across
         curves, label = _curves(kept)
         foot, top, gap = 2.0 if self.scene.colours.scaled else 1.3, 0.16, 0.16

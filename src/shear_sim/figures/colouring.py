@@ -41,20 +41,20 @@ class Colouring:
     Parameters
     ----------
     particles : sequence of Snapshot
-    strain : (len(particles),)
-        Imposed strain at each.
+    gradient : (len(particles), 2, 2)
+        Imposed deformation gradient at each.
     colour : Colour
     tints : (N,)
         Colours of particles where they show no number.
     """
 
     def __init__(
-        self, particles: Sequence[Snapshot], strain: FloatArray, colour: Colour,
+        self, particles: Sequence[Snapshot], gradient: FloatArray, colour: Colour,
         tints: NDArray[np.str_],
     ) -> None:  # fmt: skip
         self.colour, self._tints = colour, tints
         self._fixed = [s.fixed for s in particles]
-        self._values = _values(particles, strain, colour)
+        self._values = _values(particles, gradient, colour)
         self._scale = _limits(self._values, colour)
 
     @property
@@ -98,7 +98,7 @@ class Colouring:
         bar.outline.set_visible(False)
 
 
-def _values(particles: Sequence[Snapshot], strain: FloatArray, colour: str) -> list[FloatArray]:
+def _values(particles: Sequence[Snapshot], gradient: FloatArray, colour: str) -> list[FloatArray]:
     """Return what the particles (N,) are coloured by, snapshot by snapshot."""
     first = particles[0]
     if colour == "pressure":
@@ -112,8 +112,8 @@ def _values(particles: Sequence[Snapshot], strain: FloatArray, colour: str) -> l
     if colour == "displacement":
         size = 2 * float(first.radius.mean())
         return [
-            np.hypot(*displacement(s, first, float(g - strain[0])).T) / size
-            for s, g in zip(particles, strain, strict=True)
+            np.hypot(*displacement(s, first, each @ np.linalg.inv(gradient[0])).T) / size
+            for s, each in zip(particles, gradient, strict=True)
         ]
     return []
 

@@ -104,15 +104,13 @@ def particle_pressure(s: Snapshot) -> FloatArray:
     return pressure
 
 
-def displacement(now: Snapshot, first: Snapshot, strain: float) -> FloatArray:
+def displacement(now: Snapshot, first: Snapshot, gradient: FloatArray) -> FloatArray:
     """Return how far each particle (N, 2) is from the affine image of its place in ``first``.
 
     To the nearest image, and beside the mean of all: where the flow stands still is no matter of
-    the particles. ``strain`` is what was imposed in between.
+    the particles. ``gradient`` (2, 2) is what was imposed in between: x goes to gradient · x.
     """
-    scale = now.height / first.height
-    x, y = (first.position * scale).T
-    away: FloatArray = now.position - np.column_stack([x + strain * y, y])
+    away: FloatArray = now.position - first.position @ gradient.T
     if now.periodic:
         # All but a few have moved alike: about their circular mean no image is far.
         turn = 2 * np.pi * (away[:, 0] - away[:, 1] * now.offset / now.height) / now.width

@@ -53,8 +53,8 @@ class Scene:
         particles are large.
     snapshots : sequence of Snapshot
         Of one job: colours mean the same in all of them.
-    strain : (len(snapshots),)
-        Imposed strain at each.
+    gradient : (len(snapshots), 2, 2)
+        Imposed deformation gradient at each.
     colour : Colour or str
         ``particle``: its cluster of links; large or small where there are none.
         ``displacement``: from the affine image of where it was in the first snapshot.
@@ -71,7 +71,7 @@ class Scene:
         self,
         axis: "Axes",
         snapshots: Sequence[Snapshot],
-        strain: FloatArray,
+        gradient: FloatArray,
         colour: str = "particle",
         contacts: str | None = None,
     ) -> None:
@@ -99,7 +99,7 @@ class Scene:
         self._small = self.diameter < _SMALL
         body = np.arange(len(self._shells)) if self._shells else clusters(first)
         tints = particle_tints(first, body)
-        self.colours = Colouring(self._particles, strain, Colour(colour), tints)
+        self.colours = Colouring(self._particles, gradient, Colour(colour), tints)
         self.contacts = Contacts(contacts or self._readable())
         self._least, self._largest = self._forces_of_all()
         if self._shells:

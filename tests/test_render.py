@@ -416,13 +416,39 @@ def test_a_cell_that_shrinks_has_a_gradient_of_both(jobs):
         assert gradient == pytest.approx(0.9**k * np.array([[1.0, strain[k]], [0.0, 1.0]]))
 
 
-def test_a_single_body_has_no_displacements(tmp_path):
-    (tmp_path / "study.yaml").write_text(BEAM)
-    (tmp_path / "jobs").mkdir()
-    [job] = load_study(tmp_path / "study.yaml").jobs()
-    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """A job of a clamped beam of eight segments, with the snapshot of the end."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "study.yaml").write_text(BEAM)
+    (folder / "jobs").mkdir()
+    [job] = load_study(folder / "study.yaml").jobs()
+    return render.read_kept(run_job(job, folder / "jobs"))
+
+
+def test_a_single_body_has_no_displacements(beam, tmp_path):
     with pytest.raises(ResultsError, match="a single body, beside which nothing is displaced"):
-        render.write_picture(kept, tmp_path / "beam.png", -1, "displacement")
+        render.write_picture(beam, tmp_path / "beam.png", -1, "displacement")
+
+
+def test_an_open_chain_is_drawn_by_its_bars(beam):
+    """Lines from vertex to vertex, as thick as the beam; the clamp is grey; no forces in bars."""
+    with render._stage(beam, "particle", None) as stage:
+        stage.show(0)
+        found = boxes(stage.figure)
+        height, drawn = stage.figure.bbox.height, stage.scene
+        bars, forces = drawn.artists[6], drawn.artists[3]
+    assert found[:, 1].min() > 0
+    assert found[:, 3].max() < height
+    s = beam.snapshots[0]
+    order = np.argsort(s.position[:, 0])
+    at = np.array(sorted(np.asarray(path.vertices).tolist() for path in bars.get_paths()))
+    assert at[:, 0] == pytest.approx(s.position[order[:-1]], abs=1e-6 * s.width)
+    assert at[:, 1] == pytest.approx(s.position[order[1:]], abs=1e-6 * s.width)
+    assert len(at) == 9  # one of them in the clamp
+    assert bars.get_linewidth()[0] == pytest.approx(2 * drawn.point * s.radius[0])
+    assert len(np.unique(bars.get_color(), axis=0)) == 2
+    assert len(forces.get_paths()) == 0
 
 
 def test_only_soft_particles_have_energies(jobs, tmp_path):

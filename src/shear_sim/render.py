@@ -246,7 +246,7 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
     """Return what is drawn beside the particles, (values, label) each, and against what."""
     columns, protocol = kept.table.columns, kept.table.summary["protocol"]
     if "deflection_ratio" in columns:
-        bent = (columns["deflection_ratio"], "deflection / that of a continuous beam")
+        bent = (columns["deflection_ratio"], "deflection / beam theory")
         return [bent], ("time [s]", columns["time"])
     if "ovality" in columns:
         oval = [(columns["ovality"], "ovality a/R")]

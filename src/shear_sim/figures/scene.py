@@ -16,7 +16,7 @@ from shear_sim.figures.colouring import Colouring
 from shear_sim.figures.geometry import in_rectangle, interfaces, outlines, particle_tints
 from shear_sim.figures.shells import Shells, is_shells
 from shear_sim.looks import Colour, Contacts
-from shear_sim.models.interface import COHESIVE, CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.models.interface import BAR, COHESIVE, CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.snapshots import clusters
 
 if TYPE_CHECKING:
@@ -79,8 +79,10 @@ class Scene:
 
         self.axis, self.snapshots = axis, snapshots
         self._shells = Shells(snapshots[0]) if is_shells(snapshots[0]) else None
-        #: One disc for each particle of the picture.
-        self._particles = [self._shells.as_discs(s) if self._shells else s for s in snapshots]
+        #: One disc for each particle of the picture; bars are no contacts.
+        self._particles = [
+            self._shells.as_discs(s) if self._shells else without_bars(s) for s in snapshots
+        ]
         self._left, self._bottom, self.width, self.height = view(snapshots)
         axis.set(xlim=(self._left, self._left + self.width))
         axis.set(ylim=(self._bottom, self._bottom + self.height))
@@ -97,7 +99,7 @@ class Scene:
         first = self._particles[0]
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
         self._small = self.diameter < _SMALL
-        body = np.arange(len(self._shells)) if self._shells else clusters(first)
+        body = np.arange(len(self._shells)) if self._shells else clusters(snapshots[0])
         tints = particle_tints(first, body)
         self.colours = Colouring(self._particles, gradient, Colour(colour), tints)
         self.contacts = Contacts(contacts or self._readable())
@@ -109,6 +111,7 @@ class Scene:
         else:
             edge, self._edge = min(0.035 * self.diameter, 0.6), _EDGE
         self._bodies = PolyCollection([], linewidths=edge, joinstyle="round")
+        self._bars = LineCollection([], linewidths=max(self.diameter, 1.0))
         self._links = LineCollection([], colors=_LINK, linewidths=self._line(0.055))
         self._interfaces = LineCollection([], linewidths=self._line(0.06))
         self._forces = LineCollection([])
@@ -116,11 +119,13 @@ class Scene:
         self._own = LineCollection([], colors="0.1", linewidths=1.1)
         self.artists = (
             self._bodies, self._links, self._interfaces, self._forces, self._cell, self._own,
+            self._bars,
         )  # fmt: skip
         for order, artist in enumerate(self.artists):
             artist.set(zorder=2 + order)
             axis.add_collection(artist, autolim=False)
-        for artist in (self._links, self._interfaces, self._forces):
+        self._bars.set(zorder=self._bodies.zorder)
+        for artist in (self._bars, self._links, self._interfaces, self._forces):
             artist.set_capstyle("round")
 
     def _line(self, of_diameter: float) -> float:
@@ -183,8 +188,10 @@ class Scene:
         s = self._particles[number]
         place, moves = in_rectangle(s), self._moves(s)
         self._draw_bodies(number, place, moves)
-        for collection in (self._links, self._interfaces, self._forces):
+        for collection in (self._bars, self._links, self._interfaces, self._forces):
             collection.set_segments([])
+        if not self._shells:
+            self._draw_bars(number, place, moves)
         if self.contacts == "state":
             self._draw_state(number, place, moves)
         elif self.contacts == "force" and self._alone:
@@ -248,6 +255,15 @@ class Scene:
         self._bodies.set_facecolor(dimmed(faces[who], outside))  # type: ignore[arg-type]
         edges = to_rgba_array([self._edge] * len(who))
         self._bodies.set_edgecolor(dimmed(edges, outside))  # type: ignore[arg-type]
+
+    def _draw_bars(self, number: int, place: FloatArray, moves: FloatArray) -> None:
+        """Draw the bars of open chains as lines of their thickness."""
+        s = self.snapshots[number]
+        bars = s.kind == BAR
+        i, j = s.i[bars], s.j[bars]
+        segments = np.stack([place[i], place[i] + s.separation[bars]], axis=1)
+        shown = np.where(s.fixed[i], j, i)  # a bar is held where both of its ends are
+        self._put(self._bars, s, segments, self.colours.faces(number)[shown], moves)
 
     def _draw_state(self, number: int, place: FloatArray, moves: FloatArray) -> None:
         """Draw links and interfaces, which show whether a contact holds or slides."""
@@ -358,6 +374,15 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     left = min(0.0, *(float((s.position[:, 0] - s.radius).min()) for s in snapshots))
     right = max(wide, *(float((s.position[:, 0] + s.radius).max()) for s in snapshots))
     return left - rim, bottom, right - left + 2 * rim, top - bottom
+
+
+def without_bars(s: Snapshot) -> Snapshot:
+    """Return a snapshot without the bars of its chains."""
+    keep = s.kind != BAR
+    return s._replace(
+        i=s.i[keep], j=s.j[keep], separation=s.separation[keep], normal=s.normal[keep],
+        tangential=s.tangential[keep], kind=s.kind[keep],
+    )  # fmt: skip
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:

@@ -451,6 +451,20 @@ def test_an_open_chain_is_drawn_by_its_bars(beam):
     assert len(forces.get_paths()) == 0
 
 
+def test_walls_are_drawn_along_the_sides_of_what_they_enclose(box):
+    """A floor and a lid as long as the box is wide, sides as long as it is high."""
+    s = box.snapshots[0]._replace(height=1.7 * box.snapshots[0].width)
+    drawn = scene([s])
+    drawn.show(0)
+    lines = np.array([path.vertices for path in drawn.artists[5].get_paths()])
+    assert len(lines) == len(s.walls) == 4
+    for (nx, ny, position), (a, b) in zip(s.walls, lines, strict=True):
+        assert a @ [nx, ny] == pytest.approx(position, abs=1e-9)
+        sides = sorted([a.tolist(), b.tolist()])
+        low = [sides[0][0 if ny else 1], sides[1][0 if ny else 1]]
+        assert low == pytest.approx([0, s.width if ny else s.height], abs=1e-9)
+
+
 def test_only_soft_particles_have_energies(jobs, tmp_path):
     for way in ([], ["--film"]):
         shown = call(jobs, jobs["kept"], "--colour", "energy", *way)

@@ -396,5 +396,7 @@ def _wall(wall: FloatArray, s: Snapshot) -> Any:
     """Return the edge of a wall as a segment (2, 2) across the picture."""
     normal, position = wall[:2], float(wall[2])
     along = np.array([-normal[1], normal[0]])
-    middle = position * normal + along * (along @ np.array([s.width, s.height])) / 2
-    return np.array([middle - 0.5 * s.width * along, middle + 0.5 * s.width * along])
+    cell = np.array([s.width, s.height])
+    middle = position * normal + along * (along @ cell) / 2
+    half = 0.5 * (np.abs(along) @ cell) * along
+    return np.array([middle - half, middle + half])

@@ -2,6 +2,7 @@
 
 import math
 
+import gsd.hoomd
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -537,6 +538,25 @@ def test_a_picture_shows_what_is_between_the_walls(box):
     left, bottom, width, height = view([cell])
     assert (left, bottom) == (pytest.approx(-1.4 * 0.7), left)
     assert width == height == pytest.approx(cell.width - 2 * left)
+
+
+def test_an_open_cell_is_drawn_and_kept_with_all_that_has_left_it(tmp_path):
+    """Its box of the file does not tilt, and holds all discs; the cell comes back as it was."""
+    s = snapshot([[5, 5], [-40, 3], [12, 25], [4, -7]], 1.5, offset=4.0)._replace(periodic=False)
+    write_snapshots(tmp_path, "open", [s], {})
+    [kept] = read_snapshots(tmp_path, "open")
+    left, bottom, width, height = view([kept])
+    for (x, y), radius in zip(kept.position, kept.radius, strict=True):
+        assert left < x - radius < x + radius < left + width
+        assert bottom < y - radius < y + radius < bottom + height
+    assert kept.position == pytest.approx(s.position, abs=1e-5)
+    assert (kept.width, kept.height, kept.offset) == (10, 10, 0)
+    with gsd.hoomd.open(tmp_path / "open.gsd") as file:
+        across, up, _, tilt, *_ = file[0].configuration.box
+        x, y, _ = np.abs(file[0].particles.position).max(axis=0)
+    assert tilt == 0
+    assert x + 1.5 <= across / 2
+    assert y + 1.5 <= up / 2
 
 
 def wall_force(s):

@@ -366,13 +366,14 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
         particles = Shells(first).as_discs(first) if is_shells(first) else first
         rim = 2 * _MARGIN * float(particles.radius.max())
         return -rim, -rim, wide + 2 * rim, high + 2 * rim
-    floors = [w[2] for s in snapshots for w in s.walls if w[1] > 0.5] or [0.0]
-    lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
+    # Without walls at its sides a tissue goes beyond them, and discs of an open cell anywhere.
+    low = np.min([(s.position - s.radius[:, None]).min(axis=0) for s in snapshots], axis=0)
+    far = np.max([(s.position + s.radius[:, None]).max(axis=0) for s in snapshots], axis=0)
+    floors = [w[2] for s in snapshots for w in s.walls if w[1] > 0.5] or [0.0, low[1]]
+    lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high, far[1]]
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    # Without walls at its sides a tissue goes beyond them.
-    left = min(0.0, *(float((s.position[:, 0] - s.radius).min()) for s in snapshots))
-    right = max(wide, *(float((s.position[:, 0] + s.radius).max()) for s in snapshots))
+    left, right = min(0.0, float(low[0])), max(wide, float(far[0]))
     return left - rim, bottom, right - left + 2 * rim, top - bottom
 
 

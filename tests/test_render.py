@@ -320,12 +320,21 @@ def call(jobs, *arguments):
 def test_a_picture_is_written(jobs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shown = call(jobs, jobs["kept"].stem[:8])
-    assert (shown.exit_code, shown.output) == (0, f"written: {jobs['kept'].stem}.png\n")
+    said = f"written: {jobs['kept'].stem}.png (snapshot 4, t = {when(jobs, 4)} s)\n"
+    assert (shown.exit_code, shown.output) == (0, said)
+    shown = call(jobs, jobs["kept"], "--time", when(jobs, 3), "--out", "three.png")
+    assert shown.output == f"written: three.png (snapshot 3, t = {when(jobs, 3)} s)\n"
     with Image.open(f"{jobs['kept'].stem}.png") as image:
         assert image.size[0] > 1500
         assert len(image.convert("RGB").getcolors(1 << 24)) > 20
     assert call(jobs, jobs["kept"], "--snapshot", 2, "--out", "two.pdf").exit_code == 0
     assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
+
+
+def when(jobs, number):
+    """Time of a snapshot, as a command says it."""
+    kept = render.read_kept(jobs["kept"])
+    return f"{kept.table.columns['time'][kept.snapshots[number].row]:.4g}"
 
 
 @pytest.fixture(scope="module")
@@ -593,12 +602,26 @@ def test_a_frame_shows_what_a_picture_shows(jobs, tmp_path):
 
 def test_the_snapshot_nearest_to_a_time(jobs):
     kept = render.read_kept(jobs["kept"])
-    assert [render.nearest(kept, time) for time in (0, 0.06, 0.09, 9)] == [0, 1, 2, 4]
+    assert [render.nearest(kept, time) for time in (0, 0.06, 0.09, 0.2)] == [0, 1, 2, 4]
+    assert render.nearest(kept, float(when(jobs, 4))) == 4  # as said, in four digits
+
+
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), -0.01, 0.21, 1e9])
+def test_a_time_outside_of_the_run_is_refused(jobs, time):
+    kept = render.read_kept(jobs["kept"])
+    with pytest.raises(ResultsError, match=r"no time .* s: the run is from 0 to 0\.2 s"):
+        render.nearest(kept, time)
+    protocol = kept.table.summary["protocol"] | {"period": 0.1}
+    summary = kept.table.summary | {"protocol": protocol}
+    swinging = kept._replace(table=kept.table._replace(summary=summary))
+    with pytest.raises(ResultsError, match=r"to 0\.2 s, a period of it 0\.1 s"):
+        render.nearest(swinging, time)
 
 
 @pytest.mark.parametrize(
     ("scene", "options", "message"),
     [
+        ("kept", ["--time", "nan"], "no time nan s: the run is from 0 to 0.2 s"),
         ("none", [], "has kept no snapshots: add `record: {snapshots: 20}`"),
         ("kept", ["--snapshot", 5], "no snapshot 5: there are 5, from 0 to 4"),
         ("kept", ["--snapshot", 1, "--film"], "give one of them"),

@@ -351,7 +351,7 @@ def render(
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="The one made nearest to this time.")
+        float | None, typer.Option(metavar="SECONDS", help="The one made nearest to this time of the run.")
     ] = None,
     film: Annotated[bool, typer.Option("--film", help="All of them, as an animated GIF.")] = False,
     colour: Annotated[
@@ -384,6 +384,9 @@ def render(
     if out is not None and out.suffix not in suffixes:
         msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
         raise typer.BadParameter(msg)
+    if out is not None and out.is_dir():
+        msg = f"--out {out}: this is a folder: give the name of a file in it"
+        raise typer.BadParameter(msg)
     if out is not None and not out.parent.is_dir():
         msg = f"--out {out}: there is no folder {out.parent}: make it first"
         raise typer.BadParameter(msg)
@@ -394,13 +397,12 @@ def render(
     path = out or Path(f"{kept.path.stem}{suffixes[0]}")
     look = (colour, contacts)
     if film:
-        module.write_film(kept, path, *look)
+        shown = module.write_film(kept, path, *look)
     else:
         number = -1 if snapshot is None else snapshot
-        module.write_picture(
-            kept, path, number if time is None else module.nearest(kept, time), *look
-        )
-    typer.echo(f"written: {path}")
+        number = number if time is None else module.nearest(kept, time)
+        shown = module.write_picture(kept, path, number, *look)
+    typer.echo(f"written: {path} ({shown})")
 
 
 @app.command()

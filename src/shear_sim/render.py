@@ -93,14 +93,27 @@ def read_kept(path: Path) -> Kept:
 
 
 def nearest(kept: Kept, time: float) -> int:
-    """Return the number of the snapshot that was made nearest to ``time`` [s]."""
-    times = kept.table.columns["time"][[s.row for s in kept.snapshots]]
-    return int(np.abs(times - time).argmin())
+    """Return the number of the snapshot that was made nearest to ``time`` [s].
+
+    Raises
+    ------
+    ResultsError
+        If that is not within the run.
+    """
+    made = kept.table.columns["time"]
+    first, last = float(made[0]), float(made[-1])
+    margin = 1e-4 * (last - first)  # times are read, and copied, with four digits
+    if not first - margin <= time <= last + margin:  # not a number is nowhere
+        msg = f"{kept.path}: no time {time:g} s: the run is from {first:.4g} to {last:.4g} s"
+        if (period := kept.table.summary["protocol"].get("period")) is not None:
+            msg += f", a period of it {period:.4g} s"
+        raise ResultsError(msg)
+    return int(np.abs(made[[s.row for s in kept.snapshots]] - time).argmin())
 
 
 def write_picture(
     kept: Kept, path: Path, number: int = -1, colour: str = "particle", contacts: str | None = None
-) -> None:
+) -> str:
     """Write the picture of one snapshot, a PNG or PDF by its name.
 
     Parameters
@@ -112,6 +125,11 @@ def write_picture(
         Of the snapshot, from 0; from −1 on backwards.
     colour, contacts : str
         See :class:`shear_sim.figures.scene.Scene`.
+
+    Returns
+    -------
+    str
+        Which snapshot it shows, and when that was made.
 
     Raises
     ------
@@ -126,12 +144,19 @@ def write_picture(
     with _stage(kept, colour, contacts) as stage:
         stage.show(number % count)
         style.save_as(stage.figure, path)
+    time = kept.table.columns["time"][kept.snapshots[number].row]
+    return f"snapshot {number % count}, t = {time:.4g} s"
 
 
 def write_film(
     kept: Kept, path: Path, colour: str = "particle", contacts: str | None = None
-) -> None:
+) -> str:
     """Write all snapshots as an animated GIF, one frame each; see `write_picture`.
+
+    Returns
+    -------
+    str
+        How many there are.
 
     Raises
     ------
@@ -163,6 +188,7 @@ def write_film(
     colours = style.palette(frames[:: max(1, len(frames) // 4)], FILM_COLOURS)
     first, *rest = (f.quantize(palette=colours, dither=Image.Dither.NONE) for f in frames)
     first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+    return f"{len(frames)} snapshots"
 
 
 def _check_colour(kept: Kept, colour: str) -> None:

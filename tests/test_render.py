@@ -1,5 +1,6 @@
 """Pictures and films: geometry, colours, what commands write and refuse."""
 
+import errno
 import math
 
 import gsd.hoomd
@@ -598,6 +599,30 @@ def test_a_frame_shows_what_a_picture_shows(jobs, tmp_path):
             image.seek(number)
             frames.append(np.asarray(image.convert("RGB"), int))
     assert (np.abs(frames[0] - frames[1]).max(axis=2) > 60).mean() < 1e-3
+
+
+@pytest.mark.parametrize("name", ["kept.png", "kept.pdf", "kept.gif"])
+def test_what_cannot_be_written_leaves_what_was_there(jobs, tmp_path, monkeypatch, name):
+    """A disc that is full: the file is named, the old one whole, and nothing else is left."""
+    path = tmp_path / name
+    path.write_text("old")
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    shown = call(jobs, jobs["kept"], "--out", path, *(["--film"] if name.endswith("gif") else []))
+    assert isinstance(shown.exception, OSError)
+    assert str(shown.exception) == f"{path}: cannot be written (No space left on device)"
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    assert path.read_text() == "old"
+
+
+def test_a_folder_is_no_picture(jobs, tmp_path):
+    (tmp_path / "kept.png").mkdir()
+    shown = call(jobs, jobs["kept"], "--out", tmp_path / "kept.png")
+    assert shown.exit_code == 2
+    assert "this is a folder" in " ".join(shown.stderr.replace("│", " ").split())
 
 
 def test_the_snapshot_nearest_to_a_time(jobs):

@@ -351,7 +351,8 @@ def render(
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="The one made nearest to this time of the run.")
+        float | None,
+        typer.Option(metavar="SECONDS", help="The one made nearest to this time."),
     ] = None,
     film: Annotated[bool, typer.Option("--film", help="All of them, as an animated GIF.")] = False,
     colour: Annotated[

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +15,7 @@ from shear_sim.figures.shells import is_shells
 from shear_sim.models.interface import BAR, Columns, Snapshot
 from shear_sim.results import ResultsError, advising, read_job
 from shear_sim.snapshots import beside, clusters, read_snapshots
-from shear_sim.tables import Table
+from shear_sim.tables import Table, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -135,6 +136,8 @@ def write_picture(
     ------
     ResultsError
         If there is no snapshot of this number, or nothing that ``colour`` means.
+    OSError
+        If the file cannot be written; what was there before stays.
     """
     count = len(kept.snapshots)
     if not -count <= number < count:
@@ -143,7 +146,8 @@ def write_picture(
     _check_colour(kept, colour)
     with _stage(kept, colour, contacts) as stage:
         stage.show(number % count)
-        style.save_as(stage.figure, path)
+        with _naming(path):
+            style.save_as(stage.figure, path)
     time = kept.table.columns["time"][kept.snapshots[number].row]
     return f"snapshot {number % count}, t = {time:.4g} s"
 
@@ -162,6 +166,8 @@ def write_film(
     ------
     ResultsError
         If there is nothing that ``colour`` means.
+    OSError
+        If the file cannot be written; what was there before stays.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
@@ -187,8 +193,21 @@ def write_film(
     # From a few of them: what changes from frame to frame are particles only.
     colours = style.palette(frames[:: max(1, len(frames) // 4)], FILM_COLOURS)
     first, *rest = (f.quantize(palette=colours, dither=Image.Dither.NONE) for f in frames)
-    first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+    film = BytesIO()
+    first.save(film, "gif", save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+    with _naming(path):
+        write_whole(path, film.getvalue())
     return f"{len(frames)} snapshots"
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the file that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        msg = f"{path}: cannot be written ({error.strerror or error})"
+        raise OSError(msg) from error
 
 
 def _check_colour(kept: Kept, colour: str) -> None:

@@ -116,14 +116,12 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     count = len(snapshot.radius)
     place = np.zeros((count, 3), np.float32)
     # A box of GSD has its centre at the origin.
-    place[:, :2] = in_cell(snapshot) - 0.5 * (size + [offset, 0.0])
+    place[:, :2] = in_cell(snapshot) - 0.5 * (size + np.array([offset, 0.0]))
     room = size
     if not snapshot.periodic:  # positions outside of its box are an error to who reads it
         most = np.abs(place[:, :2]) + snapshot.radius[:, None]
         room = np.maximum(size, 2 * most.max(axis=0))
-    made.configuration.box = np.array(
-        [*room, 0.0, offset / snapshot.height, 0.0, 0.0], np.float32
-    )
+    made.configuration.box = np.array([*room, 0.0, offset / snapshot.height, 0.0, 0.0], np.float32)
     velocity = np.zeros((count, 3), np.float32)
     velocity[:, :2] = snapshot.velocity
     particles = made.particles

@@ -278,6 +278,69 @@ def test_what_is_as_good_as_unloaded_has_no_chains():
     assert lines == [2, 2, 0]
 
 
+@pytest.mark.parametrize(("every", "share"), [(4, 1.0), (1, 0.2)])
+def test_forces_are_all_drawn_where_each_has_room(every, share):
+    """Discs of the same size in the picture, with few contacts and with four times as many."""
+    s = many(4500)
+    s = s._replace(normal=np.linspace(1, 2, len(s.i)))
+    for name in ("i", "j", "separation", "normal", "tangential", "kind"):
+        s = s._replace(**{name: getattr(s, name)[::every]})
+    drawn = scene([s], contacts="force")
+    drawn.show(0)
+    lines = len(drawn.artists[3].get_paths())
+    assert share <= lines / len(s.i) < 1.2 * share  # with those of images
+
+
+def legend(drawn):
+    found = drawn.legend(drawn.axis)
+    return [text.get_text() for text in found.get_texts()] if found else []
+
+
+def test_the_legend_says_what_is_drawn():
+    """Pushes and pulls as far as there are lines of them: weak ones may have none."""
+    place = [[2, 2], [3, 2], [4, 2], [5, 2]]
+    s = snapshot(place, 0.5, [(0, 1), (1, 2), (2, 3)])
+    for forces, expected in [
+        ([1.0, 1.0, -1.0], ["push; width as force", "pull"]),
+        ([1.0, 1.0, -1e-6], ["push; width as force"]),
+        ([-1.0, -1.0, -1.0], ["pull; width as force"]),
+        ([0.0, 0.0, 0.0], []),
+    ]:
+        drawn = scene([s._replace(normal=np.array(forces))], contacts="force")
+        assert legend(drawn) == expected
+
+
+def ends(snapshots, **look):
+    """The colour scale, and at which ends it is pointed."""
+    drawn = scene(snapshots, contacts="none", **look)
+    axis = Figure().add_axes((0, 0, 1, 0.1))
+    drawn.colours.bar(axis, "")
+    return drawn.colours._scale, axis._colorbar.extend
+
+
+def test_an_impulsive_start_is_beyond_the_scale():
+    """A first snapshot ten times as fast as all others; one that is twice as fast counts."""
+    s = many(100)
+    speed = np.linspace([0, 0], [3, 4], 100)
+    for factor, expected in [(10.0, 5.0), (2.0, 10.0)]:
+        start, *more = (s._replace(velocity=speed * f) for f in (factor, 1.0, 1.0))
+        (low, high), beyond = ends([start, *more], colour="speed")
+        assert low == 0
+        assert 0.8 * expected < high < expected
+        assert beyond == "max"
+    # Two of them are no start and what comes after.
+    (_, high), _ = ends([s._replace(velocity=f * speed) for f in (10.0, 1.0)], colour="speed")
+    assert high > 40
+
+
+def test_scales_are_pointed_where_values_lie_beyond():
+    s = many(100)
+    spin = np.append(np.full(98, 0.5), [-9.0, 9.0])
+    assert ends([s._replace(spin=spin)], colour="spin")[1] == "both"
+    even = np.where(np.arange(100) % 2, 0.5, -0.5)
+    assert ends([s._replace(spin=even)], colour="spin")[1] == "neither"
+
+
 @pytest.mark.parametrize("look", [{"colour": "presure"}, {"contacts": "forces"}])
 def test_words_that_are_none_of_a_look_are_refused(look):
     with pytest.raises(ValueError, match=r"'presure' is not|'forces' is not"):

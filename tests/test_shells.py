@@ -297,3 +297,7 @@ def test_forces_of_walls_on_a_single_shell_reach_into_it_where_they_act():
     scene.show(1)
     later = [np.asarray(path.vertices)[:, 1] for path in scene.artists[3].get_paths()]
     assert [line[0] - line[1] for line in later] == pytest.approx(np.array(up) / 3)
+    said = scene.legend(scene.axis)
+    assert [text.get_text() for text in said.get_texts()] == ["push; length as force"]
+    unloaded = drawn(s._replace(normal=0.0 * s.normal))
+    assert unloaded.legend(unloaded.axis) is None

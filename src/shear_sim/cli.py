@@ -371,9 +371,10 @@ def render(
 
     Particles and contacts, with strain and stress beside them, of jobs whose study says `record:
     {snapshots: N}`. Links are blue with an orange interface, interfaces that hold are red, those
-    that slide green. Forces are as wide as they are strong beside the mean of their snapshot;
-    between very small particles only the strongest fifth is drawn. Images of the cell are dimmed,
-    and held particles grey. Displacements are beside the affine flow, since the first snapshot.
+    that slide green. Forces are as wide as they are strong beside the mean of their snapshot; where
+    they are too many to be told apart only the strongest fifth is drawn. Images of the cell are
+    dimmed, and held particles grey. Displacements are beside the affine flow, since the first
+    snapshot. A colour scale is pointed at an end beyond which there are values.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
     shear-sim render 3f9c21 --time 0.5 --contacts force --out forces.pdf

@@ -37,9 +37,10 @@ _LARGE = 16.0  # points: lines of forces grow no wider with larger discs
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
 _LEAST = 0.02  # of the largest mean: widths are beside this where the mean force is less
-_TINY = 4.5  # points: between smaller discs all forces would be too many
+_ROOM = 10.0  # points²: all forces would be too many where each has less of the picture
 _CHAINS = 0.2  # of the forces, the strongest: what is drawn there
 _OVER_COLOURS = 0.7  # width of forces where they lie on colours that are to be read
+_THINNEST = 0.04  # points, of a line of a force
 _MARGIN = 0.7  # around the cell, in largest diameters
 
 
@@ -104,6 +105,9 @@ class Scene:
         self.colours = Colouring(self._particles, gradient, Colour(colour), tints)
         self.contacts = Contacts(contacts or self._readable())
         self._least, self._largest = self._forces_of_all()
+        most = max(int((_strength(s) > 0).sum()) for s in self._particles)
+        room = self.width * self.height * self.point**2
+        self._crowded = most * _ROOM > room
         if self._shells:
             edge, self._edge = 2 * self.point * float(snapshots[0].radius.mean()), _LINK
         elif self._small:
@@ -172,14 +176,22 @@ class Scene:
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
             way = "length as force" if self._alone else "width as force"
-            way = "strongest fifth" if self.diameter < _TINY else way
-            shown += [line(push, f"push; {way}")]
-            shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self._particles)
+            way = "strongest fifth" if self._crowded and not self._alone else way
+            pushes, pulls = self._ways()
+            shown += [line(push, f"push; {way}")] * pushes
+            shown += [line(_PULL, "pull" if pushes else f"pull; {way}")] * pulls
         if not shown:
             return None
         return axis.legend(
             handles=shown, loc="lower left", handlelength=1.2, borderpad=0, borderaxespad=0
         )
+
+    def _ways(self) -> tuple[bool, bool]:
+        """Return whether there are lines of forces that push, and of those that pull."""
+        if self._alone:
+            return bool(self._largest > 0), False
+        drawn = [s.normal[self._thickness(s) > 0] for s in self._particles]
+        return any((f >= 0).any() for f in drawn), any((f < 0).any() for f in drawn)
 
     # --- Drawing ---------------------------------------------------------------------------------
 
@@ -283,23 +295,29 @@ class Scene:
         colours = to_rgba_array(_KINDS)[kind]
         self._put(self._interfaces, s, place[who, None] + faces, colours, moves)
 
-    def _draw_forces(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
-        """Draw lines from centre to centre, as wide as forces are strong."""
-        from matplotlib.colors import to_rgba_array
-
+    def _thickness(self, s: Snapshot) -> FloatArray:
+        """Return how thick the lines of forces (C,) are [points]; 0: what is not drawn."""
         strong = _strength(s)
         mean = max(_mean(strong), self._least)
         share = strong / mean if mean > 0 else strong
         thick = np.minimum(0.08 * share, 0.3) * min(max(self.diameter, 3.0), _LARGE)
-        push = _PUSH
         if self.colours.scaled:
-            push, thick = _PUSH_ON_SCALE, _OVER_COLOURS * thick
+            thick = _OVER_COLOURS * thick
+        use = thick > _THINNEST
+        if self._crowded and use.any():
+            use &= strong > np.quantile(strong, 1 - _CHAINS)
+        return np.where(use, thick, 0.0)
+
+    def _draw_forces(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
+        """Draw lines from centre to centre, as wide as forces are strong."""
+        from matplotlib.colors import to_rgba_array
+
+        push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
         segments = np.stack([from_i, from_i + s.separation], axis=1)
-        use = thick > 0.04
-        if self.diameter < _TINY and use.any():
-            use &= strong > np.quantile(strong, 1 - _CHAINS)
+        thick = self._thickness(s)
+        use = thick > 0
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 
     def _draw_pushes(self, number: int, place: FloatArray) -> None:

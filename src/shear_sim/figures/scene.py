@@ -106,8 +106,7 @@ class Scene:
         self.contacts = Contacts(contacts or self._readable())
         self._least, self._largest = self._forces_of_all()
         most = max(int((_strength(s) > 0).sum()) for s in self._particles)
-        room = self.width * self.height * self.point**2
-        self._crowded = most * _ROOM > room
+        self._crowded = most * _ROOM > self.width * self.height * self.point**2
         if self._shells:
             edge, self._edge = 2 * self.point * float(snapshots[0].radius.mean()), _LINK
         elif self._small:

@@ -683,9 +683,10 @@ def test_what_cannot_be_written_leaves_what_was_there(jobs, tmp_path, monkeypatc
 
 def test_a_folder_is_no_picture(jobs, tmp_path):
     (tmp_path / "kept.png").mkdir()
-    shown = call(jobs, jobs["kept"], "--out", tmp_path / "kept.png")
-    assert shown.exit_code == 2
-    assert "this is a folder" in " ".join(shown.stderr.replace("│", " ").split())
+    for folder in (tmp_path, tmp_path / "kept.png"):
+        shown = call(jobs, jobs["kept"], "--out", folder)
+        assert shown.exit_code == 2
+        assert "this is a folder" in " ".join(shown.stderr.replace("│", " ").split())
 
 
 def test_the_snapshot_nearest_to_a_time(jobs):

@@ -383,11 +383,11 @@ def render(
     from shear_sim.results import find_job
 
     suffixes = (".gif",) if film else (".png", ".pdf")
-    if out is not None and out.suffix not in suffixes:
-        msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
-        raise typer.BadParameter(msg)
     if out is not None and out.is_dir():
         msg = f"--out {out}: this is a folder: give the name of a file in it"
+        raise typer.BadParameter(msg)
+    if out is not None and out.suffix not in suffixes:
+        msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
         raise typer.BadParameter(msg)
     if out is not None and not out.parent.is_dir():
         msg = f"--out {out}: there is no folder {out.parent}: make it first"

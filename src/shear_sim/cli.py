@@ -377,7 +377,7 @@ def render(
     snapshot. A colour scale is pointed at an end beyond which there are values.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
-    shear-sim render 3f9c21 --time 0.5 --contacts force --out forces.pdf
+    shear-sim render 3f9c21 --time 0.002 --contacts force --out forces.pdf
     """
     from shear_sim import render as module
     from shear_sim.results import find_job

@@ -118,7 +118,7 @@ def draw(kept: Kept, path: Path, colour: str, contacts: str | None) -> None:
     with style.figure(SIDE, SIDE * height / width) as figure:
         figure.set_layout_engine("none")
         axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        scene = Scene(axis, snapshots, kept.strain[number : number + 1], colour, contacts)
+        scene = Scene(axis, snapshots, kept.gradient[number : number + 1], colour, contacts)
         scene.show(0)
         style.save_as(figure, path)
     with Image.open(path) as drawn:

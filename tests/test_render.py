@@ -1,7 +1,9 @@
 """Pictures and films: geometry, colours, what commands write and refuse."""
 
+import errno
 import math
 
+import gsd.hoomd
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -23,6 +25,7 @@ from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.neighbours import find_pairs
 from shear_sim.results import ResultsError
 from shear_sim.runner import run_job
+from shear_sim.snapshots import read_snapshots, write_snapshots
 from shear_sim.study import load_study
 
 STUDY = """
@@ -39,6 +42,15 @@ packing: {vertices: 24, radius: 1e-3, particles: 4}
 model: {kind: soft_particle, thickness: 0.2}
 shear: {kind: compaction, strain: 0.05, relative_rate: 0.05}
 record: {rows: 10, snapshots: 1}
+seed: 1
+"""
+
+
+BEAM = """
+packing: {vertices: 8}
+model: {kind: soft_particle, damping: 0, drag: 0}
+shear: {kind: bending, force: 1e-3}
+record: {snapshots: [1]}
 seed: 1
 """
 
@@ -78,7 +90,7 @@ def area(polygon):
 
 def scene(snapshots, inches=4.0, **look):
     axis = Figure(figsize=(inches, inches)).add_axes((0, 0, 1, 1))
-    return Scene(axis, snapshots, np.zeros(len(snapshots)), **look)
+    return Scene(axis, snapshots, np.tile(np.eye(2), (len(snapshots), 1, 1)), **look)
 
 
 # --- Geometry ------------------------------------------------------------------------------------
@@ -124,6 +136,19 @@ def test_hidden_and_parted_interfaces_are_none():
     assert np.ptp(interfaces(link)[0], axis=0) == pytest.approx([0, 0])
 
 
+def test_discs_that_only_touch_have_an_interface_after_they_were_kept(tmp_path):
+    """Radii come back in 4 bytes, and so a little smaller or larger."""
+    radius = np.linspace(0.3, 0.9, 50)
+    place = np.cumsum(radius + np.append(0.0, radius[:-1]))
+    pairs = np.column_stack([np.arange(49), np.arange(1, 50)])
+    s = snapshot(np.column_stack([place, np.full(50, 5.0)]), radius, pairs, side=70.0)
+    write_snapshots(tmp_path, "touching", [s], {})
+    [kept] = read_snapshots(tmp_path, "touching")
+    gap = kept.separation[:, 0] - kept.radius[kept.i] - kept.radius[kept.j]
+    assert (gap > 0).sum() > 10
+    assert np.ptp(interfaces(kept), axis=1).any(axis=1).all()
+
+
 def test_pressures_of_particles_sum_to_that_of_the_cell():
     s = many(200)
     virial = 0.5 * (s.normal * np.hypot(*s.separation.T)).sum()
@@ -148,7 +173,8 @@ def test_an_affine_deformation_displaces_nothing(still):
         width=side, height=side, offset=offset,
     )  # fmt: skip
     expected = away - away.mean(axis=0)
-    assert displacement(now, first, strain) == pytest.approx(expected, abs=1e-9)
+    gradient = 0.9 * np.array([[1.0, strain], [0.0, 1.0]])
+    assert displacement(now, first, gradient) == pytest.approx(expected, abs=1e-9)
 
 
 def test_particles_lie_in_the_rectangle_and_are_images_of_themselves():
@@ -252,6 +278,69 @@ def test_what_is_as_good_as_unloaded_has_no_chains():
     assert lines == [2, 2, 0]
 
 
+@pytest.mark.parametrize(("every", "share"), [(4, 1.0), (1, 0.2)])
+def test_forces_are_all_drawn_where_each_has_room(every, share):
+    """Discs of the same size in the picture, with few contacts and with four times as many."""
+    s = many(4500)
+    s = s._replace(normal=np.linspace(1, 2, len(s.i)))
+    for name in ("i", "j", "separation", "normal", "tangential", "kind"):
+        s = s._replace(**{name: getattr(s, name)[::every]})
+    drawn = scene([s], contacts="force")
+    drawn.show(0)
+    lines = len(drawn.artists[3].get_paths())
+    assert share <= lines / len(s.i) < 1.2 * share  # with those of images
+
+
+def legend(drawn):
+    found = drawn.legend(drawn.axis)
+    return [text.get_text() for text in found.get_texts()] if found else []
+
+
+def test_the_legend_says_what_is_drawn():
+    """Pushes and pulls as far as there are lines of them: weak ones may have none."""
+    place = [[2, 2], [3, 2], [4, 2], [5, 2]]
+    s = snapshot(place, 0.5, [(0, 1), (1, 2), (2, 3)])
+    for forces, expected in [
+        ([1.0, 1.0, -1.0], ["push; width as force", "pull"]),
+        ([1.0, 1.0, -1e-6], ["push; width as force"]),
+        ([-1.0, -1.0, -1.0], ["pull; width as force"]),
+        ([0.0, 0.0, 0.0], []),
+    ]:
+        drawn = scene([s._replace(normal=np.array(forces))], contacts="force")
+        assert legend(drawn) == expected
+
+
+def ends(snapshots, **look):
+    """The colour scale, and at which ends it is pointed."""
+    drawn = scene(snapshots, contacts="none", **look)
+    axis = Figure().add_axes((0, 0, 1, 0.1))
+    drawn.colours.bar(axis, "")
+    return drawn.colours._scale, axis._colorbar.extend
+
+
+def test_an_impulsive_start_is_beyond_the_scale():
+    """A first snapshot ten times as fast as all others; one that is twice as fast counts."""
+    s = many(100)
+    speed = np.linspace([0, 0], [3, 4], 100)
+    for factor, expected in [(10.0, 5.0), (2.0, 10.0)]:
+        start, *more = (s._replace(velocity=speed * f) for f in (factor, 1.0, 1.0))
+        (low, high), beyond = ends([start, *more], colour="speed")
+        assert low == 0
+        assert 0.8 * expected < high < expected
+        assert beyond == "max"
+    # Two of them are no start and what comes after.
+    (_, high), _ = ends([s._replace(velocity=f * speed) for f in (10.0, 1.0)], colour="speed")
+    assert high > 40
+
+
+def test_scales_are_pointed_where_values_lie_beyond():
+    s = many(100)
+    spin = np.append(np.full(98, 0.5), [-9.0, 9.0])
+    assert ends([s._replace(spin=spin)], colour="spin")[1] == "both"
+    even = np.where(np.arange(100) % 2, 0.5, -0.5)
+    assert ends([s._replace(spin=even)], colour="spin")[1] == "neither"
+
+
 @pytest.mark.parametrize("look", [{"colour": "presure"}, {"contacts": "forces"}])
 def test_words_that_are_none_of_a_look_are_refused(look):
     with pytest.raises(ValueError, match=r"'presure' is not|'forces' is not"):
@@ -295,12 +384,21 @@ def call(jobs, *arguments):
 def test_a_picture_is_written(jobs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shown = call(jobs, jobs["kept"].stem[:8])
-    assert (shown.exit_code, shown.output) == (0, f"written: {jobs['kept'].stem}.png\n")
+    said = f"written: {jobs['kept'].stem}.png (snapshot 4, t = {when(jobs, 4)} s)\n"
+    assert (shown.exit_code, shown.output) == (0, said)
+    shown = call(jobs, jobs["kept"], "--time", when(jobs, 3), "--out", "three.png")
+    assert shown.output == f"written: three.png (snapshot 3, t = {when(jobs, 3)} s)\n"
     with Image.open(f"{jobs['kept'].stem}.png") as image:
         assert image.size[0] > 1500
         assert len(image.convert("RGB").getcolors(1 << 24)) > 20
     assert call(jobs, jobs["kept"], "--snapshot", 2, "--out", "two.pdf").exit_code == 0
     assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
+
+
+def when(jobs, number):
+    """Time of a snapshot, as a command says it."""
+    kept = render.read_kept(jobs["kept"])
+    return f"{kept.table.columns['time'][kept.snapshots[number].row]:.4g}"
 
 
 @pytest.fixture(scope="module")
@@ -333,11 +431,18 @@ seed: 1
 """
 
 
-def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
-    (tmp_path / "study.yaml").write_text(TISSUE)
-    (tmp_path / "jobs").mkdir()
-    [job] = load_study(tmp_path / "study.yaml").jobs()
-    kept = render.read_kept(run_job(job, tmp_path / "jobs"))
+@pytest.fixture(scope="module")
+def tissue(tmp_path_factory):
+    """A job of a torn tissue of nine cells, with its snapshots."""
+    folder = tmp_path_factory.mktemp("tissue")
+    (folder / "study.yaml").write_text(TISSUE)
+    (folder / "jobs").mkdir()
+    [job] = load_study(folder / "study.yaml").jobs()
+    return render.read_kept(run_job(job, folder / "jobs"))
+
+
+def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tissue, tmp_path):
+    kept = tissue
     render.write_picture(kept, tmp_path / "tissue.png", -1, "energy")
     with Image.open(tmp_path / "tissue.png") as image:
         assert image.size[0] > 1500
@@ -351,6 +456,87 @@ def test_a_tissue_is_drawn_by_the_energies_of_its_cells(tmp_path):
     assert np.array_equal(stress, -kept.table.columns["stress_yy"])
     assert np.array_equal(broken, kept.table.columns["links_broken"])
     assert strain[-1] == pytest.approx(0.02)
+
+
+def lid(s):
+    """Where the lowest wall is that lies above the particles."""
+    return max(-position for nx, ny, position in s.walls if ny < 0)
+
+
+@pytest.mark.parametrize("which", ["box", "tissue"])
+def test_what_moves_as_a_lid_or_grips_do_is_not_displaced(which, request):
+    """Vertices at the same share of the height at all times; how high is known from the walls."""
+    kept = request.getfixturevalue(which)
+    first = kept.snapshots[0]
+    height = kept.table.summary["preparation"]["height"] if which == "tissue" else lid(first)
+    moved = []
+    for s in kept.snapshots:
+        ratio = 1 + (lid(s) - lid(first)) / height
+        moved.append(s._replace(position=first.position * [1.0, ratio]))
+    assert max(abs(lid(s) / lid(first) - 1) for s in kept.snapshots) > 0.01
+    for s, gradient in zip(moved, kept.gradient, strict=True):
+        away = displacement(s, first, gradient)
+        assert np.abs(away).max() < 1e-5 * height  # positions are kept in 4 bytes
+
+
+def test_a_cell_that_shrinks_has_a_gradient_of_both(jobs):
+    """Shear by γ and the same ratio of both sides, which those of the cell show."""
+    kept = render.read_kept(jobs["kept"])
+    smaller = [s._replace(height=s.height * 0.9**k) for k, s in enumerate(kept.snapshots)]
+    found = kept._replace(snapshots=smaller).gradient
+    strain = kept.table.columns["strain"][[s.row for s in smaller]]
+    assert strain[-1] == pytest.approx(0.2)
+    for k, gradient in enumerate(found):
+        assert gradient == pytest.approx(0.9**k * np.array([[1.0, strain[k]], [0.0, 1.0]]))
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """A job of a clamped beam of eight segments, with the snapshot of the end."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "study.yaml").write_text(BEAM)
+    (folder / "jobs").mkdir()
+    [job] = load_study(folder / "study.yaml").jobs()
+    return render.read_kept(run_job(job, folder / "jobs"))
+
+
+def test_a_single_body_has_no_displacements(beam, tmp_path):
+    with pytest.raises(ResultsError, match="a single body, beside which nothing is displaced"):
+        render.write_picture(beam, tmp_path / "beam.png", -1, "displacement")
+
+
+def test_an_open_chain_is_drawn_by_its_bars(beam):
+    """Lines from vertex to vertex, as thick as the beam; the clamp is grey; no forces in bars."""
+    with render._stage(beam, "particle", None) as stage:
+        stage.show(0)
+        found = boxes(stage.figure)
+        height, drawn = stage.figure.bbox.height, stage.scene
+        bars, forces = drawn.artists[6], drawn.artists[3]
+    assert found[:, 1].min() > 0
+    assert found[:, 3].max() < height
+    s = beam.snapshots[0]
+    order = np.argsort(s.position[:, 0])
+    at = np.array(sorted(np.asarray(path.vertices).tolist() for path in bars.get_paths()))
+    assert at[:, 0] == pytest.approx(s.position[order[:-1]], abs=1e-6 * s.width)
+    assert at[:, 1] == pytest.approx(s.position[order[1:]], abs=1e-6 * s.width)
+    assert len(at) == 9  # one of them in the clamp
+    assert bars.get_linewidth()[0] == pytest.approx(2 * drawn.point * s.radius[0])
+    assert len(np.unique(bars.get_color(), axis=0)) == 2
+    assert len(forces.get_paths()) == 0
+
+
+def test_walls_are_drawn_along_the_sides_of_what_they_enclose(box):
+    """A floor and a lid as long as the box is wide, sides as long as it is high."""
+    s = box.snapshots[0]._replace(height=1.7 * box.snapshots[0].width)
+    drawn = scene([s])
+    drawn.show(0)
+    lines = np.array([path.vertices for path in drawn.artists[5].get_paths()])
+    assert len(lines) == len(s.walls) == 4
+    for (nx, ny, position), (a, b) in zip(s.walls, lines, strict=True):
+        assert a @ [nx, ny] == pytest.approx(position, abs=1e-9)
+        sides = sorted([a.tolist(), b.tolist()])
+        low = [sides[0][0 if ny else 1], sides[1][0 if ny else 1]]
+        assert low == pytest.approx([0, s.width if ny else s.height], abs=1e-9)
 
 
 def test_only_soft_particles_have_energies(jobs, tmp_path):
@@ -427,6 +613,25 @@ def test_a_picture_shows_what_is_between_the_walls(box):
     assert width == height == pytest.approx(cell.width - 2 * left)
 
 
+def test_an_open_cell_is_drawn_and_kept_with_all_that_has_left_it(tmp_path):
+    """Its box of the file does not tilt, and holds all discs; the cell comes back as it was."""
+    s = snapshot([[5, 5], [-40, 3], [12, 25], [4, -7]], 1.5, offset=4.0)._replace(periodic=False)
+    write_snapshots(tmp_path, "open", [s], {})
+    [kept] = read_snapshots(tmp_path, "open")
+    left, bottom, width, height = view([kept])
+    for (x, y), radius in zip(kept.position, kept.radius, strict=True):
+        assert left < x - radius < x + radius < left + width
+        assert bottom < y - radius < y + radius < bottom + height
+    assert kept.position == pytest.approx(s.position, abs=1e-5)
+    assert (kept.width, kept.height, kept.offset) == (10, 10, 0)
+    with gsd.hoomd.open(tmp_path / "open.gsd") as file:
+        across, up, _, tilt, *_ = file[0].configuration.box
+        x, y, _ = np.abs(file[0].particles.position).max(axis=0)
+    assert tilt == 0
+    assert x + 1.5 <= across / 2
+    assert y + 1.5 <= up / 2
+
+
 def wall_force(s):
     return s.normal[s.j < 0].sum()
 
@@ -459,14 +664,53 @@ def test_a_frame_shows_what_a_picture_shows(jobs, tmp_path):
     assert (np.abs(frames[0] - frames[1]).max(axis=2) > 60).mean() < 1e-3
 
 
+@pytest.mark.parametrize("name", ["kept.png", "kept.pdf", "kept.gif"])
+def test_what_cannot_be_written_leaves_what_was_there(jobs, tmp_path, monkeypatch, name):
+    """A disc that is full: the file is named, the old one whole, and nothing else is left."""
+    path = tmp_path / name
+    path.write_text("old")
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    shown = call(jobs, jobs["kept"], "--out", path, *(["--film"] if name.endswith("gif") else []))
+    assert isinstance(shown.exception, OSError)
+    assert str(shown.exception) == f"{path}: cannot be written (No space left on device)"
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    assert path.read_text() == "old"
+
+
+def test_a_folder_is_no_picture(jobs, tmp_path):
+    (tmp_path / "kept.png").mkdir()
+    for folder in (tmp_path, tmp_path / "kept.png"):
+        shown = call(jobs, jobs["kept"], "--out", folder)
+        assert shown.exit_code == 2
+        assert "this is a folder" in " ".join(shown.stderr.replace("│", " ").split())
+
+
 def test_the_snapshot_nearest_to_a_time(jobs):
     kept = render.read_kept(jobs["kept"])
-    assert [render.nearest(kept, time) for time in (0, 0.06, 0.09, 9)] == [0, 1, 2, 4]
+    assert [render.nearest(kept, time) for time in (0, 0.06, 0.09, 0.2)] == [0, 1, 2, 4]
+    assert render.nearest(kept, float(when(jobs, 4))) == 4  # as said, in four digits
+
+
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), -0.01, 0.21, 1e9])
+def test_a_time_outside_of_the_run_is_refused(jobs, time):
+    kept = render.read_kept(jobs["kept"])
+    with pytest.raises(ResultsError, match=r"no time .* s: the run is from 0 to 0\.2 s"):
+        render.nearest(kept, time)
+    protocol = kept.table.summary["protocol"] | {"period": 0.1}
+    summary = kept.table.summary | {"protocol": protocol}
+    swinging = kept._replace(table=kept.table._replace(summary=summary))
+    with pytest.raises(ResultsError, match=r"to 0\.2 s, a period of it 0\.1 s"):
+        render.nearest(swinging, time)
 
 
 @pytest.mark.parametrize(
     ("scene", "options", "message"),
     [
+        ("kept", ["--time", "nan"], "no time nan s: the run is from 0 to 0.2 s"),
         ("none", [], "has kept no snapshots: add `record: {snapshots: 20}`"),
         ("kept", ["--snapshot", 5], "no snapshot 5: there are 5, from 0 to 4"),
         ("kept", ["--snapshot", 1, "--film"], "give one of them"),

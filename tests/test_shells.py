@@ -66,7 +66,7 @@ def off_lattice(vectors):
 
 def drawn(s, **look):
     axis = Figure(figsize=(4, 4)).add_axes((0, 0, 1, 1))
-    scene = Scene(axis, [s], np.zeros(1), **look)
+    scene = Scene(axis, [s], np.eye(2)[None], **look)
     scene.show(0)
     return scene
 
@@ -292,9 +292,12 @@ def test_forces_of_walls_on_a_single_shell_reach_into_it_where_they_act():
     assert up[1] == pytest.approx(3 * up[0])
     assert up[0] > 0
     # A third of the force in another snapshot is a third of the length.
-    scene = Scene(
-        Figure().add_axes((0, 0, 1, 1)), [s, s._replace(normal=s.normal / 3)], np.zeros(2)
-    )
+    both = [s, s._replace(normal=s.normal / 3)]
+    scene = Scene(Figure().add_axes((0, 0, 1, 1)), both, np.tile(np.eye(2), (2, 1, 1)))
     scene.show(1)
     later = [np.asarray(path.vertices)[:, 1] for path in scene.artists[3].get_paths()]
     assert [line[0] - line[1] for line in later] == pytest.approx(np.array(up) / 3)
+    said = scene.legend(scene.axis)
+    assert [text.get_text() for text in said.get_texts()] == ["push; length as force"]
+    unloaded = drawn(s._replace(normal=0.0 * s.normal))
+    assert unloaded.legend(unloaded.axis) is None

@@ -351,7 +351,8 @@ def render(
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="The one made nearest to this time.")
+        float | None,
+        typer.Option(metavar="SECONDS", help="The one made nearest to this time."),
     ] = None,
     film: Annotated[bool, typer.Option("--film", help="All of them, as an animated GIF.")] = False,
     colour: Annotated[
@@ -370,17 +371,21 @@ def render(
 
     Particles and contacts, with strain and stress beside them, of jobs whose study says `record:
     {snapshots: N}`. Links are blue with an orange interface, interfaces that hold are red, those
-    that slide green. Forces are as wide as they are strong beside the mean of their snapshot;
-    between very small particles only the strongest fifth is drawn. Images of the cell are dimmed,
-    and held particles grey. Displacements are beside the affine flow, since the first snapshot.
+    that slide green. Forces are as wide as they are strong beside the mean of their snapshot; where
+    they are too many to be told apart only the strongest fifth is drawn. Images of the cell are
+    dimmed, and held particles grey. Displacements are beside the affine flow, since the first
+    snapshot. A colour scale is pointed at an end beyond which there are values.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
-    shear-sim render 3f9c21 --time 0.5 --contacts force --out forces.pdf
+    shear-sim render 3f9c21 --time 0.002 --contacts force --out forces.pdf
     """
     from shear_sim import render as module
     from shear_sim.results import find_job
 
     suffixes = (".gif",) if film else (".png", ".pdf")
+    if out is not None and out.is_dir():
+        msg = f"--out {out}: this is a folder: give the name of a file in it"
+        raise typer.BadParameter(msg)
     if out is not None and out.suffix not in suffixes:
         msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
         raise typer.BadParameter(msg)
@@ -394,13 +399,12 @@ def render(
     path = out or Path(f"{kept.path.stem}{suffixes[0]}")
     look = (colour, contacts)
     if film:
-        module.write_film(kept, path, *look)
+        shown = module.write_film(kept, path, *look)
     else:
         number = -1 if snapshot is None else snapshot
-        module.write_picture(
-            kept, path, number if time is None else module.nearest(kept, time), *look
-        )
-    typer.echo(f"written: {path}")
+        number = number if time is None else module.nearest(kept, time)
+        shown = module.write_picture(kept, path, number, *look)
+    typer.echo(f"written: {path} ({shown})")
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 from shear_sim.figures import style
 from shear_sim.figures.scene import Scene, view
 from shear_sim.figures.shells import is_shells
-from shear_sim.models.interface import Columns, Snapshot
+from shear_sim.models.interface import BAR, Columns, Snapshot
 from shear_sim.results import ResultsError, advising, read_job
-from shear_sim.snapshots import beside, read_snapshots
-from shear_sim.tables import Table
+from shear_sim.snapshots import beside, clusters, read_snapshots
+from shear_sim.tables import Table, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,6 +42,24 @@ class Kept(NamedTuple):
         rows = [s.row for s in self.snapshots]
         strain = self.table.columns.get("strain")
         return np.zeros(len(rows)) if strain is None else np.asarray(strain[rows])
+
+    @property
+    def gradient(self) -> FloatArray:
+        """Imposed deformation gradient (n, 2, 2) at each snapshot: x was at the start, F x is now.
+
+        A lid or grips move in y alone, what their logarithmic strain says. A cell is sheared, and
+        shrinks in both directions alike where it does.
+        """
+        first, strain = self.snapshots[0], self.strain
+        made = np.tile(np.eye(2), (len(strain), 1, 1))
+        kind = self.table.summary["protocol"]["kind"]
+        if kind in {"compaction", "tension"}:
+            made[:, 1, 1] = np.exp(-strain if kind == "compaction" else strain)
+        else:
+            made[:, 0, 1] = strain
+        if first.periodic:
+            made *= np.array([s.height / first.height for s in self.snapshots])[:, None, None]
+        return made
 
 
 def read_kept(path: Path) -> Kept:
@@ -75,14 +94,27 @@ def read_kept(path: Path) -> Kept:
 
 
 def nearest(kept: Kept, time: float) -> int:
-    """Return the number of the snapshot that was made nearest to ``time`` [s]."""
-    times = kept.table.columns["time"][[s.row for s in kept.snapshots]]
-    return int(np.abs(times - time).argmin())
+    """Return the number of the snapshot that was made nearest to ``time`` [s].
+
+    Raises
+    ------
+    ResultsError
+        If that is not within the run.
+    """
+    made = kept.table.columns["time"]
+    first, last = float(made[0]), float(made[-1])
+    margin = 1e-4 * (last - first)  # times are read, and copied, with four digits
+    if not first - margin <= time <= last + margin:  # not a number is nowhere
+        msg = f"{kept.path}: no time {time:g} s: the run is from {first:.4g} to {last:.4g} s"
+        if (period := kept.table.summary["protocol"].get("period")) is not None:
+            msg += f", a period of it {period:.4g} s"
+        raise ResultsError(msg)
+    return int(np.abs(made[[s.row for s in kept.snapshots]] - time).argmin())
 
 
 def write_picture(
     kept: Kept, path: Path, number: int = -1, colour: str = "particle", contacts: str | None = None
-) -> None:
+) -> str:
     """Write the picture of one snapshot, a PNG or PDF by its name.
 
     Parameters
@@ -95,10 +127,17 @@ def write_picture(
     colour, contacts : str
         See :class:`shear_sim.figures.scene.Scene`.
 
+    Returns
+    -------
+    str
+        Which snapshot it shows, and when that was made.
+
     Raises
     ------
     ResultsError
         If there is no snapshot of this number, or nothing that ``colour`` means.
+    OSError
+        If the file cannot be written; what was there before stays.
     """
     count = len(kept.snapshots)
     if not -count <= number < count:
@@ -107,18 +146,28 @@ def write_picture(
     _check_colour(kept, colour)
     with _stage(kept, colour, contacts) as stage:
         stage.show(number % count)
-        style.save_as(stage.figure, path)
+        with _naming(path):
+            style.save_as(stage.figure, path)
+    time = kept.table.columns["time"][kept.snapshots[number].row]
+    return f"snapshot {number % count}, t = {time:.4g} s"
 
 
 def write_film(
     kept: Kept, path: Path, colour: str = "particle", contacts: str | None = None
-) -> None:
+) -> str:
     """Write all snapshots as an animated GIF, one frame each; see `write_picture`.
+
+    Returns
+    -------
+    str
+        How many there are.
 
     Raises
     ------
     ResultsError
         If there is nothing that ``colour`` means.
+    OSError
+        If the file cannot be written; what was there before stays.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
@@ -144,7 +193,21 @@ def write_film(
     # From a few of them: what changes from frame to frame are particles only.
     colours = style.palette(frames[:: max(1, len(frames) // 4)], FILM_COLOURS)
     first, *rest = (f.quantize(palette=colours, dither=Image.Dither.NONE) for f in frames)
-    first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+    film = BytesIO()
+    first.save(film, "gif", save_all=True, append_images=rest, duration=FRAME_MS, loop=0)
+    with _naming(path):
+        write_whole(path, film.getvalue())
+    return f"{len(frames)} snapshots"
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the file that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        msg = f"{path}: cannot be written ({error.strerror or error})"
+        raise OSError(msg) from error
 
 
 def _check_colour(kept: Kept, colour: str) -> None:
@@ -154,6 +217,9 @@ def _check_colour(kept: Kept, colour: str) -> None:
             f"{kept.path}: has kept no energies of its particles, which only soft ones do: another "
             "--colour"
         )
+        raise ResultsError(msg)
+    if colour == "displacement" and (first.kind == BAR).any() and np.ptp(clusters(first)) == 0:
+        msg = f"{kept.path}: a single body, beside which nothing is displaced: another --colour"
         raise ResultsError(msg)
     turns = is_shells(first) or any(s.spin.any() for s in kept.snapshots)
     if colour == "spin" and not turns:
@@ -172,7 +238,7 @@ class _Stage:
         across, down = (float(a) for a in figure.get_size_inches())
         room = across - PANEL
         axis = figure.add_axes((0.0, 0.0, room / across, 1.0))
-        self.scene = Scene(axis, kept.snapshots, kept.strain, colour, contacts)
+        self.scene = Scene(axis, kept.snapshots, kept.gradient, colour, contacts)
         left, wide = (room + 0.7) / across, (PANEL - 0.82) / across
         curves, label = _curves(kept)
         foot, top, gap = 2.0 if self.scene.colours.scaled else 1.3, 0.16, 0.16
@@ -225,7 +291,7 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
     """Return what is drawn beside the particles, (values, label) each, and against what."""
     columns, protocol = kept.table.columns, kept.table.summary["protocol"]
     if "deflection_ratio" in columns:
-        bent = (columns["deflection_ratio"], "deflection / that of a continuous beam")
+        bent = (columns["deflection_ratio"], "deflection / beam theory")
         return [bent], ("time [s]", columns["time"])
     if "ovality" in columns:
         oval = [(columns["ovality"], "ovality a/R")]

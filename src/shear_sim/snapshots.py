@@ -3,7 +3,8 @@
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links and bars of shells as bonds, the number of the cluster that they make
 as ``body``, and in ``log`` the spin of the particles (of soft ones also the energy), strain and
-stress of the record. The table has every contact in full precision. Both are written whole; the
+stress of the record. The box of a cell without images has room for all particles; ``cell`` in
+``log`` is then its size. The table has every contact in full precision. Both are written whole; the
 table holds the checksum of the other file.
 """
 
@@ -107,16 +108,20 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     import gsd.hoomd
 
     made = gsd.hoomd.Frame()
+    size = np.array([snapshot.width, snapshot.height])
     offset = snapshot.offset - snapshot.width * np.rint(snapshot.offset / snapshot.width)
+    offset = offset if snapshot.periodic else 0.0
     made.configuration.step = snapshot.row
     made.configuration.dimensions = 2
-    box = [snapshot.width, snapshot.height, 0.0, offset / snapshot.height, 0.0, 0.0]
-    made.configuration.box = np.array(box, np.float32)
     count = len(snapshot.radius)
     place = np.zeros((count, 3), np.float32)
     # A box of GSD has its centre at the origin.
-    centre = 0.5 * np.array([snapshot.width + offset, snapshot.height])
-    place[:, :2] = in_cell(snapshot) - centre
+    place[:, :2] = in_cell(snapshot) - 0.5 * (size + np.array([offset, 0.0]))
+    room = size
+    if not snapshot.periodic:  # positions outside of its box are an error to who reads it
+        most = np.abs(place[:, :2]) + snapshot.radius[:, None]
+        room = np.maximum(size, 2 * most.max(axis=0))
+    made.configuration.box = np.array([*room, 0.0, offset / snapshot.height, 0.0, 0.0], np.float32)
     velocity = np.zeros((count, 3), np.float32)
     velocity[:, :2] = snapshot.velocity
     particles = made.particles
@@ -137,6 +142,8 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     if snapshot.energy is not None:
         made.log["particles/energy"] = snapshot.energy
     made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
+    if (room > size).any():
+        made.log["cell"] = size
     if len(snapshot.walls):
         made.log["walls"] = snapshot.walls
     return made
@@ -190,11 +197,12 @@ def read_snapshots(folder: Path, job: str) -> list[Snapshot]:
         for each, first, end in zip(file, ends[:-1], ends[1:], strict=True):
             width, height, _, tilt = (float(a) for a in each.configuration.box[:4])
             offset = tilt * height
+            width, height = each.log.get("cell", (width, height))
             centre = 0.5 * np.array([width + offset, height])
             part = {name: column[first:end] for name, column in values.items()}
             snapshot = Snapshot(
                 row=int(each.configuration.step),
-                width=width, height=height, offset=offset,
+                width=float(width), height=float(height), offset=offset,
                 periodic=bool(each.log["periodic"][0]),
                 position=each.particles.position[:, :2].astype(np.float64) + centre,
                 velocity=each.particles.velocity[:, :2].astype(np.float64),

@@ -1,7 +1,7 @@
 """What particles are coloured by: the body that they are of, or a number with its scale."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 
 _FIXED = "#9a9a9a"
 _FULL = 98.0  # percentile that takes the end of a colour scale
+_IMPULSIVE = 3.0  # times more than in all others: the first snapshot has no part in the scale
 _TITLES = {
     "pressure": "pressure of a particle",
     "spin": "spin",
@@ -41,20 +42,20 @@ class Colouring:
     Parameters
     ----------
     particles : sequence of Snapshot
-    strain : (len(particles),)
-        Imposed strain at each.
+    gradient : (len(particles), 2, 2)
+        Imposed deformation gradient at each.
     colour : Colour
     tints : (N,)
         Colours of particles where they show no number.
     """
 
     def __init__(
-        self, particles: Sequence[Snapshot], strain: FloatArray, colour: Colour,
+        self, particles: Sequence[Snapshot], gradient: FloatArray, colour: Colour,
         tints: NDArray[np.str_],
     ) -> None:  # fmt: skip
         self.colour, self._tints = colour, tints
         self._fixed = [s.fixed for s in particles]
-        self._values = _values(particles, strain, colour)
+        self._values = _values(particles, gradient, colour)
         self._scale = _limits(self._values, colour)
 
     @property
@@ -91,14 +92,25 @@ class Colouring:
         from matplotlib.ticker import MaxNLocator
 
         mappable = ScalarMappable(Normalize(*self._scale), self._map)
-        bar = Colorbar(axis, mappable, orientation="horizontal", ticks=MaxNLocator(4))
+        bar = Colorbar(
+            axis, mappable, orientation="horizontal", ticks=MaxNLocator(4), extend=self._beyond()
+        )
         text = _TITLES[self.colour]
         # To the left: a power of ten may stand at the right.
         bar.set_label(text if "[" in text or not unit else f"{text} [{unit}]", loc="left")
         bar.outline.set_visible(False)
 
+    def _beyond(self) -> Literal["neither", "min", "max", "both"]:
+        """Return at which ends of the scale there are values beyond."""
+        low, high = self._scale
+        below = min(float(v.min()) for v in self._values) < low
+        above = max(float(v.max()) for v in self._values) > high
+        if below and above:
+            return "both"
+        return "min" if below else "max" if above else "neither"
 
-def _values(particles: Sequence[Snapshot], strain: FloatArray, colour: str) -> list[FloatArray]:
+
+def _values(particles: Sequence[Snapshot], gradient: FloatArray, colour: str) -> list[FloatArray]:
     """Return what the particles (N,) are coloured by, snapshot by snapshot."""
     first = particles[0]
     if colour == "pressure":
@@ -112,16 +124,22 @@ def _values(particles: Sequence[Snapshot], strain: FloatArray, colour: str) -> l
     if colour == "displacement":
         size = 2 * float(first.radius.mean())
         return [
-            np.hypot(*displacement(s, first, float(g - strain[0])).T) / size
-            for s, g in zip(particles, strain, strict=True)
+            np.hypot(*displacement(s, first, each @ np.linalg.inv(gradient[0])).T) / size
+            for s, each in zip(particles, gradient, strict=True)
         ]
     return []
 
 
 def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
-    """Return the ends of the colour scale of all snapshots."""
+    """Return the ends of the colour scale of all snapshots.
+
+    At an impulsive start all may be much faster than ever after: that would be all there is to see.
+    """
     if not values:
         return 0.0, 1.0
+    first, *others = (float(np.percentile(np.abs(v), _FULL)) for v in values)
+    if len(others) > 1 and first > _IMPULSIVE * max(others) > 0:
+        values = values[1:]
     everything = np.concatenate(values)
     low, high = (float(p) for p in np.percentile(everything, [100 - _FULL, _FULL]))
     if colour == "spin":

@@ -11,6 +11,7 @@ FloatArray = NDArray[np.float64]
 _TINTS = ("#a6cee3", "#fdd7a5", "#b8dfb1", "#d9c3e4", "#f6bcbc", "#e9e29c", "#b5ddd8", "#dcc4ad")
 _LARGE, _SMALL = "#a9c9e2", "#f6d3a8"  # discs that no link holds
 _ALIKE = 1.2  # ratio of radii under which they count as equal
+_TOUCHING = 1 + 1e-6  # of the sum of two radii, which files keep in 4 bytes
 
 
 def in_rectangle(s: Snapshot) -> FloatArray:
@@ -39,7 +40,7 @@ def interfaces(s: Snapshot) -> FloatArray:
     along = np.where(both, (distance**2 + ri**2 - rj**2) / (2 * distance), distance)
     least = 0.2 * np.minimum(ri, np.where(both, rj, ri))
     half = np.maximum(np.sqrt(np.maximum(ri**2 - along**2, 0.0)), least)
-    half[both & (distance > (ri + rj) * (1 + 1e-9))] = 0.0
+    half[both & (distance > _TOUCHING * (ri + rj))] = 0.0
     low, high = -half, half.copy()
     # Both discs of a contact see their other contacts as half-planes that cut the chord.
     ends = np.concatenate([s.i, s.j])
@@ -57,7 +58,8 @@ def interfaces(s: Snapshot) -> FloatArray:
     one, other = one[use], other[use]
     slope = (tangent[contact[one]] * face[other]).sum(axis=1)
     room = reach[other] - reach[one] * (face[one] * face[other]).sum(axis=1)
-    limit = room / np.where(np.abs(slope) > 1e-12, slope, 1e-12)
+    slope = np.where(np.abs(slope) > 1e-12, slope, 1e-12)  # parallel faces cut all or nothing
+    limit = room / slope
     up = slope > 0
     np.minimum.at(high, contact[one[up]], limit[up])
     np.maximum.at(low, contact[one[~up]], limit[~up])
@@ -102,15 +104,13 @@ def particle_pressure(s: Snapshot) -> FloatArray:
     return pressure
 
 
-def displacement(now: Snapshot, first: Snapshot, strain: float) -> FloatArray:
+def displacement(now: Snapshot, first: Snapshot, gradient: FloatArray) -> FloatArray:
     """Return how far each particle (N, 2) is from the affine image of its place in ``first``.
 
     To the nearest image, and beside the mean of all: where the flow stands still is no matter of
-    the particles. ``strain`` is what was imposed in between.
+    the particles. ``gradient`` (2, 2) is what was imposed in between: x goes to gradient · x.
     """
-    scale = now.height / first.height
-    x, y = (first.position * scale).T
-    away: FloatArray = now.position - np.column_stack([x + strain * y, y])
+    away: FloatArray = now.position - first.position @ gradient.T
     if now.periodic:
         # All but a few have moved alike: about their circular mean no image is far.
         turn = 2 * np.pi * (away[:, 0] - away[:, 1] * now.offset / now.height) / now.width

@@ -16,7 +16,7 @@ from shear_sim.figures.colouring import Colouring
 from shear_sim.figures.geometry import in_rectangle, interfaces, outlines, particle_tints
 from shear_sim.figures.shells import Shells, is_shells
 from shear_sim.looks import Colour, Contacts
-from shear_sim.models.interface import COHESIVE, CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.models.interface import BAR, COHESIVE, CONTACT, LINK, SLIDING, Snapshot
 from shear_sim.snapshots import clusters
 
 if TYPE_CHECKING:
@@ -37,9 +37,10 @@ _LARGE = 16.0  # points: lines of forces grow no wider with larger discs
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
 _LEAST = 0.02  # of the largest mean: widths are beside this where the mean force is less
-_TINY = 4.5  # points: between smaller discs all forces would be too many
+_ROOM = 10.0  # points²: all forces would be too many where each has less of the picture
 _CHAINS = 0.2  # of the forces, the strongest: what is drawn there
 _OVER_COLOURS = 0.7  # width of forces where they lie on colours that are to be read
+_THINNEST = 0.04  # points, of a line of a force
 _MARGIN = 0.7  # around the cell, in largest diameters
 
 
@@ -53,8 +54,8 @@ class Scene:
         particles are large.
     snapshots : sequence of Snapshot
         Of one job: colours mean the same in all of them.
-    strain : (len(snapshots),)
-        Imposed strain at each.
+    gradient : (len(snapshots), 2, 2)
+        Imposed deformation gradient at each.
     colour : Colour or str
         ``particle``: its cluster of links; large or small where there are none.
         ``displacement``: from the affine image of where it was in the first snapshot.
@@ -71,7 +72,7 @@ class Scene:
         self,
         axis: "Axes",
         snapshots: Sequence[Snapshot],
-        strain: FloatArray,
+        gradient: FloatArray,
         colour: str = "particle",
         contacts: str | None = None,
     ) -> None:
@@ -79,8 +80,10 @@ class Scene:
 
         self.axis, self.snapshots = axis, snapshots
         self._shells = Shells(snapshots[0]) if is_shells(snapshots[0]) else None
-        #: One disc for each particle of the picture.
-        self._particles = [self._shells.as_discs(s) if self._shells else s for s in snapshots]
+        #: One disc for each particle of the picture; bars are no contacts.
+        self._particles = [
+            self._shells.as_discs(s) if self._shells else without_bars(s) for s in snapshots
+        ]
         self._left, self._bottom, self.width, self.height = view(snapshots)
         axis.set(xlim=(self._left, self._left + self.width))
         axis.set(ylim=(self._bottom, self._bottom + self.height))
@@ -97,11 +100,13 @@ class Scene:
         first = self._particles[0]
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
         self._small = self.diameter < _SMALL
-        body = np.arange(len(self._shells)) if self._shells else clusters(first)
+        body = np.arange(len(self._shells)) if self._shells else clusters(snapshots[0])
         tints = particle_tints(first, body)
-        self.colours = Colouring(self._particles, strain, Colour(colour), tints)
+        self.colours = Colouring(self._particles, gradient, Colour(colour), tints)
         self.contacts = Contacts(contacts or self._readable())
         self._least, self._largest = self._forces_of_all()
+        most = max(int((_strength(s) > 0).sum()) for s in self._particles)
+        self._crowded = most * _ROOM > self.width * self.height * self.point**2
         if self._shells:
             edge, self._edge = 2 * self.point * float(snapshots[0].radius.mean()), _LINK
         elif self._small:
@@ -109,6 +114,7 @@ class Scene:
         else:
             edge, self._edge = min(0.035 * self.diameter, 0.6), _EDGE
         self._bodies = PolyCollection([], linewidths=edge, joinstyle="round")
+        self._bars = LineCollection([], linewidths=max(self.diameter, 1.0))
         self._links = LineCollection([], colors=_LINK, linewidths=self._line(0.055))
         self._interfaces = LineCollection([], linewidths=self._line(0.06))
         self._forces = LineCollection([])
@@ -116,11 +122,13 @@ class Scene:
         self._own = LineCollection([], colors="0.1", linewidths=1.1)
         self.artists = (
             self._bodies, self._links, self._interfaces, self._forces, self._cell, self._own,
+            self._bars,
         )  # fmt: skip
         for order, artist in enumerate(self.artists):
             artist.set(zorder=2 + order)
             axis.add_collection(artist, autolim=False)
-        for artist in (self._links, self._interfaces, self._forces):
+        self._bars.set(zorder=self._bodies.zorder)
+        for artist in (self._bars, self._links, self._interfaces, self._forces):
             artist.set_capstyle("round")
 
     def _line(self, of_diameter: float) -> float:
@@ -167,14 +175,22 @@ class Scene:
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
             way = "length as force" if self._alone else "width as force"
-            way = "strongest fifth" if self.diameter < _TINY else way
-            shown += [line(push, f"push; {way}")]
-            shown += [line(_PULL, "pull")] * any((s.normal < 0).any() for s in self._particles)
+            way = "strongest fifth" if self._crowded and not self._alone else way
+            pushes, pulls = self._ways()
+            shown += [line(push, f"push; {way}")] * pushes
+            shown += [line(_PULL, "pull" if pushes else f"pull; {way}")] * pulls
         if not shown:
             return None
         return axis.legend(
             handles=shown, loc="lower left", handlelength=1.2, borderpad=0, borderaxespad=0
         )
+
+    def _ways(self) -> tuple[bool, bool]:
+        """Return whether there are lines of forces that push, and of those that pull."""
+        if self._alone:
+            return bool(self._largest > 0), False
+        drawn = [s.normal[self._thickness(s) > 0] for s in self._particles]
+        return any((f >= 0).any() for f in drawn), any((f < 0).any() for f in drawn)
 
     # --- Drawing ---------------------------------------------------------------------------------
 
@@ -183,8 +199,10 @@ class Scene:
         s = self._particles[number]
         place, moves = in_rectangle(s), self._moves(s)
         self._draw_bodies(number, place, moves)
-        for collection in (self._links, self._interfaces, self._forces):
+        for collection in (self._bars, self._links, self._interfaces, self._forces):
             collection.set_segments([])
+        if not self._shells:
+            self._draw_bars(number, place, moves)
         if self.contacts == "state":
             self._draw_state(number, place, moves)
         elif self.contacts == "force" and self._alone:
@@ -249,6 +267,15 @@ class Scene:
         edges = to_rgba_array([self._edge] * len(who))
         self._bodies.set_edgecolor(dimmed(edges, outside))  # type: ignore[arg-type]
 
+    def _draw_bars(self, number: int, place: FloatArray, moves: FloatArray) -> None:
+        """Draw the bars of open chains as lines of their thickness."""
+        s = self.snapshots[number]
+        bars = s.kind == BAR
+        i, j = s.i[bars], s.j[bars]
+        segments = np.stack([place[i], place[i] + s.separation[bars]], axis=1)
+        shown = np.where(s.fixed[i], j, i)  # a bar is held where both of its ends are
+        self._put(self._bars, s, segments, self.colours.faces(number)[shown], moves)
+
     def _draw_state(self, number: int, place: FloatArray, moves: FloatArray) -> None:
         """Draw links and interfaces, which show whether a contact holds or slides."""
         from matplotlib.colors import to_rgba_array
@@ -267,23 +294,29 @@ class Scene:
         colours = to_rgba_array(_KINDS)[kind]
         self._put(self._interfaces, s, place[who, None] + faces, colours, moves)
 
-    def _draw_forces(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
-        """Draw lines from centre to centre, as wide as forces are strong."""
-        from matplotlib.colors import to_rgba_array
-
+    def _thickness(self, s: Snapshot) -> FloatArray:
+        """Return how thick the lines of forces (C,) are [points]; 0: what is not drawn."""
         strong = _strength(s)
         mean = max(_mean(strong), self._least)
         share = strong / mean if mean > 0 else strong
         thick = np.minimum(0.08 * share, 0.3) * min(max(self.diameter, 3.0), _LARGE)
-        push = _PUSH
         if self.colours.scaled:
-            push, thick = _PUSH_ON_SCALE, _OVER_COLOURS * thick
+            thick = _OVER_COLOURS * thick
+        use = thick > _THINNEST
+        if self._crowded and use.any():
+            use &= strong > np.quantile(strong, 1 - _CHAINS)
+        return np.where(use, thick, 0.0)
+
+    def _draw_forces(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
+        """Draw lines from centre to centre, as wide as forces are strong."""
+        from matplotlib.colors import to_rgba_array
+
+        push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
         colour = to_rgba_array([push, _PULL])[(s.normal < 0).astype(int)]
         from_i = place[s.i]
         segments = np.stack([from_i, from_i + s.separation], axis=1)
-        use = thick > 0.04
-        if self.diameter < _TINY and use.any():
-            use &= strong > np.quantile(strong, 1 - _CHAINS)
+        thick = self._thickness(s)
+        use = thick > 0
         self._put(self._forces, s, segments[use], colour[use], moves, thick[use])
 
     def _draw_pushes(self, number: int, place: FloatArray) -> None:
@@ -350,14 +383,24 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
         particles = Shells(first).as_discs(first) if is_shells(first) else first
         rim = 2 * _MARGIN * float(particles.radius.max())
         return -rim, -rim, wide + 2 * rim, high + 2 * rim
-    floors = [w[2] for s in snapshots for w in s.walls if w[1] > 0.5] or [0.0]
-    lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high]
     rim = 0.02 * wide
+    # Without walls at its sides a tissue goes beyond them, and discs of an open cell anywhere.
+    low = np.min([(s.position - s.radius[:, None]).min(axis=0) for s in snapshots], axis=0)
+    far = np.max([(s.position + s.radius[:, None]).max(axis=0) for s in snapshots], axis=0)
+    floors = [w[2] for s in snapshots for w in s.walls if w[1] > 0.5] or [0.0, low[1]]
+    lids = [-w[2] for s in snapshots for w in s.walls if w[1] < -0.5] or [high, far[1]]
     bottom, top = float(min(floors)) - rim, float(max(lids)) + rim
-    # Without walls at its sides a tissue goes beyond them.
-    left = min(0.0, *(float((s.position[:, 0] - s.radius).min()) for s in snapshots))
-    right = max(wide, *(float((s.position[:, 0] + s.radius).max()) for s in snapshots))
+    left, right = min(0.0, float(low[0])), max(wide, float(far[0]))
     return left - rim, bottom, right - left + 2 * rim, top - bottom
+
+
+def without_bars(s: Snapshot) -> Snapshot:
+    """Return a snapshot without the bars of its chains."""
+    keep = s.kind != BAR
+    return s._replace(
+        i=s.i[keep], j=s.j[keep], separation=s.separation[keep], normal=s.normal[keep],
+        tangential=s.tangential[keep], kind=s.kind[keep],
+    )  # fmt: skip
 
 
 def dimmed(colours: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
@@ -371,5 +414,7 @@ def _wall(wall: FloatArray, s: Snapshot) -> Any:
     """Return the edge of a wall as a segment (2, 2) across the picture."""
     normal, position = wall[:2], float(wall[2])
     along = np.array([-normal[1], normal[0]])
-    middle = position * normal + along * (along @ np.array([s.width, s.height])) / 2
-    return np.array([middle - 0.5 * s.width * along, middle + 0.5 * s.width * along])
+    cell = np.array([s.width, s.height])
+    middle = position * normal + along * (along @ cell) / 2
+    half = 0.5 * (np.abs(along) @ cell) * along
+    return np.array([middle - half, middle + half])

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.tables import write_whole
 from shear_sim.variation import AMPLITUDE, FRICTION, short_name
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
 
 
 def save_as(figure: "Figure", path: Path) -> None:
-    """Write a figure as PNG or PDF, by the ending of ``path``; see `save`."""
+    """Write a figure as PNG or PDF, by the ending of ``path``, whole; see `save`."""
     import matplotlib as mpl
     from PIL import Image
 
@@ -170,7 +171,9 @@ def save_as(figure: "Figure", path: Path) -> None:
         if path.suffix == ".pdf":
             # Without the library's version and the time in it, the same figure is the same file.
             nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
-            figure.savefig(path, dpi=DPI, metadata=nothing)
+            made = BytesIO()
+            figure.savefig(made, format="pdf", dpi=DPI, metadata=nothing)
+            write_whole(path, made.getvalue())
             return
         drawn = BytesIO()
         figure.savefig(drawn, format="rgba", dpi=DPI)
@@ -179,7 +182,9 @@ def save_as(figure: "Figure", path: Path) -> None:
         if not any(axis.get_label() == "<colorbar>" for axis in figure.axes):
             # Without a gradient, a palette of 256 makes a third of the file, and looks the same.
             whole = whole.quantize(palette=palette([whole]), dither=Image.Dither.NONE)
-        whole.save(path, dpi=(DPI, DPI))
+        made = BytesIO()
+        whole.save(made, "png", dpi=(DPI, DPI))
+        write_whole(path, made.getvalue())
 
 
 def palette(pictures: "Sequence[Picture]", count: int = 256) -> "Picture":

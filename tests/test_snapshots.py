@@ -1,16 +1,18 @@
 """Snapshots: what is kept of particles and contacts, and what others read of it."""
 
+import copy
 import hashlib
 from pathlib import Path
 
 import gsd.hoomd
 import numpy as np
 import pytest
-from soft_particles import chain, ring, system
+from soft_particles import chain, finished, points, ring, system
 from tools import differences, read_table
 
 from shear_sim import models, runner
 from shear_sim.accuracy import finish
+from shear_sim.models import soft_particle
 from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.plan import make_plan
@@ -28,6 +30,7 @@ from shear_sim.snapshots import (
     write_snapshots,
 )
 from shear_sim.status import read_status
+from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, load_study, read_study
 from shear_sim.tables import TableError
 
@@ -61,6 +64,27 @@ POINTS = {
     },
 }
 NAMES = sorted(POINTS)
+SOFT = {
+    "kind": "soft_particle",
+    "thickness": 0.1,
+    "contact_stiffness": 33.0,
+    "contact_damping": 0.3,
+    "inner_damping": 0.3,
+    "drag": 0.03,
+    "core_ratio": 10.0,
+}
+SUSPENSION = points(
+    packing={"particles": 6, "vertices": 16, "packing_fraction": 0.95},
+    model=SOFT,
+    shear={"kind": "oscillatory", "relative_frequency": 0.05, "periods": 1},
+    record={"rows": 40, "snapshots": 40},
+)
+BOX = points(
+    packing={"particles": 6, "vertices": 16, "spread": 0.15},
+    model=SOFT | {"inner_damping": 1.0, "drag": 0.0},
+    shear={"kind": "compaction", "strain": 0.25, "relative_rate": 0.003, "unload": False},
+    record={"rows": 40, "snapshots": [0, 0.6, 0.8, 1]},
+)
 
 
 def make_job(name, snapshots=None):
@@ -168,6 +192,69 @@ def test_contacts_of_a_ring_are_the_forces_on_its_vertices(runs):
         push = snapshot.normal[plates].sum() / 2
         assert push == pytest.approx(columns["force"][snapshot.row], rel=1e-12)
     assert any((s.kind == SLIDING).any() for s in run.snapshots)
+
+
+def soft_stress(snapshot, held=False):
+    """σ of springs and cores; ``held``: forces on fixed vertices act at the line y = 0."""
+    separation = snapshot.separation.copy()
+    if held:
+        y, fixed, real = snapshot.position[:, 1], snapshot.fixed, snapshot.j >= 0
+        i, j = snapshot.i[real], snapshot.j[real]
+        point = y[i] + separation[real, 1]
+        line = snapshot.height * np.rint((point - y[j]) / snapshot.height)
+        end = np.where(fixed[j], line, point)
+        separation[real, 1] = end - np.where(fixed[i], 0.0, y[i])
+    total = np.einsum("ca,cb->ab", forces(snapshot), separation)
+    free = ~snapshot.fixed if held else slice(None)
+    total += np.diag([snapshot.core.sum(), snapshot.core[free].sum()])
+    return total / (snapshot.width * snapshot.height)
+
+
+def at_rest(system):
+    """The stress of a cell by its vertices, without dashpots and inertia."""
+    motion, images = system.motion, system.cell.images.copy()
+    images[1] = 0.0
+    still = {name: np.zeros_like(motion.x) for name in ("dx", "dy", "vx", "vy")}
+    bare = copy.copy(system)
+    bare.motion, bare.cell = motion._replace(**still), system.cell._replace(images=images)
+    return bare.stress().reshape(2, 2)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("boundary", ["lees_edwards", "plates"])
+def test_stress_of_a_suspension_is_that_of_its_contacts_and_cores(boundary, friction):
+    """Without friction to round-off of the forces; recorded: with dashpots, most at the begin."""
+    given = SUSPENSION(model={"friction": friction}, cell={"boundary": boundary})
+    simulation = soft_particle.start(given, Streams(3, 0))
+    plates, away = boundary == "plates", []
+    for row in range(simulation.rows):
+        simulation.advance(1)
+        snapshot = simulation.snapshots[-1]
+        assert snapshot.row == row
+        found, expected = soft_stress(snapshot, plates), at_rest(simulation.run.system)
+        pressure = np.trace(expected) / 2
+        assert np.abs(found - expected).max() < (1e-2 if friction else 1e-9) * pressure
+        record = {name: values[-1] for name, values in simulation.columns().items()}
+        recorded = np.array([[record[f"stress_{a}{b}"] for b in "xy"] for a in "xy"])
+        assert np.abs(recorded - expected).max() < (0.01 if row else 0.04) * pressure
+        assert snapshot.core.sum() > 0.5 * pressure * snapshot.width * snapshot.height
+        away.append(np.abs(soft_stress(snapshot) - recorded).max() / pressure)
+    assert (max(away) > 0.06) == plates
+
+
+def test_stress_of_a_box_is_that_of_its_contacts_and_cores():
+    """Of springs, over the box as it is now: the mean of floor and lid, and of the sides."""
+    simulation = finished(BOX())
+    columns = simulation.columns()
+    assert len(simulation.snapshots) == 4
+    for snapshot in simulation.snapshots[1:]:
+        row = snapshot.row
+        found = soft_stress(snapshot) * snapshot.width * snapshot.height / columns["box_area"][row]
+        assert found[1, 1] == pytest.approx(
+            0.5 * (columns["stress_yy"][row] + columns["stress_floor"][row]), rel=0.01
+        )
+        assert found[0, 0] == pytest.approx(columns["stress_xx"][row], rel=0.02)
+        assert snapshot.core.sum() / columns["box_area"][row] > 0.1 * found[1, 1]
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -297,6 +384,7 @@ def test_files_give_the_snapshots_back(name, study):
         for field in ("i", "j", "separation", "normal", "tangential", "kind", "fixed", "periodic"):
             assert np.array_equal(getattr(back, field), getattr(snapshot, field)), field
         assert np.array_equal(back.spin, snapshot.spin)
+        assert np.array_equal(back.core, snapshot.core)
         assert np.array_equal(back.walls, snapshot.walls)
         side = snapshot.width
         for field in ("velocity", "radius", "width", "height"):

@@ -2,9 +2,10 @@
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links and bars of shells as bonds, the number of the cluster that they make
-as ``body``, and in ``log`` the spin of the particles (of soft ones also the energy), strain and
-stress of the record. The table has every contact in full precision. Both are written whole; the
-table holds the checksum of the other file.
+as ``body``, and in ``log`` the spin of the particles, strain and stress of the record; of soft ones
+also the energy, and the core: its pressure times area [N], shared by the vertices of a ring. The
+table has every contact in full precision. Both are written whole; the table holds the checksum of
+the other file.
 """
 
 import hashlib
@@ -28,7 +29,7 @@ FIELDS = (
     ("snapshot", "1", "number of the snapshot, a frame of the GSD file"),
     ("i", "1", "particle"),
     ("j", "1", "particle that it meets; −1 − w: wall w"),
-    ("x", "m", "from i to the image of j that it meets (hard discs: mean small diameters)"),
+    ("x", "m", "from i to the image of j that it meets, or its nearest point (hard discs: in λ)"),
     ("y", "m", "the same"),
     ("normal", "N/m", "force that pushes i and j apart (hard discs: path rate / ξ₀)"),
     ("tangential", "N/m", "force on j along (−y, x) / distance"),
@@ -136,6 +137,8 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     made.log["particles/spin"] = snapshot.spin
     if snapshot.energy is not None:
         made.log["particles/energy"] = snapshot.energy
+    if snapshot.core is not None:
+        made.log["particles/core"] = snapshot.core
     made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
     if len(snapshot.walls):
         made.log["walls"] = snapshot.walls
@@ -204,7 +207,7 @@ def read_snapshots(folder: Path, job: str) -> list[Snapshot]:
                 i=part["i"], j=part["j"], separation=np.column_stack([part["x"], part["y"]]),
                 normal=part["normal"], tangential=part["tangential"], kind=kind[first:end],
                 walls=each.log.get("walls", np.zeros((0, 3))),
-                energy=each.log.get("particles/energy"),
+                energy=each.log.get("particles/energy"), core=each.log.get("particles/core"),
             )  # fmt: skip
             found.append(snapshot)
     return found

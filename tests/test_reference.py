@@ -82,6 +82,29 @@ def test_limits_and_choices_are_named():
     assert "multiple of 4" in study_reference("soft_particle")
     assert {"none", "floor", "hopper"} <= set(re.findall(r"[a-z]+", walls))
     assert "\N{NO-BREAK SPACE}" not in text
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_that_is_the_default_may_be_left_out(kind, tmp_path):
+    """As the reference shows it, in the section itself and by a sweep."""
+    point = models.model(kind).POINT()
+    default, key = {
+        "microgel": (0.2, "strain_amplitude"),
+        "hard_disc": (1.0, "strain"),
+        "soft_particle": (0.4, "compression"),
+    }[kind]
+    path = tmp_path / "study.yaml"
+    path.write_text(
+        f"model: {{kind: {kind}}}\nshear: {{{key}: {default}}}\n"
+        f"sweep: {{grid: {{shear.{key}: [0.3, {default}]}}}}\nseed: 0\n"
+    )
+    found = [job.parameters for job in load_study(path).jobs()]
+    assert len(found) == 2
+    assert parameters(point.resolved()) in found
+    path.write_text(f"model: {{kind: {kind}}}\nshear: {{{key}: 0.3}}\nseed: 0\n")
+    (job,) = load_study(path).jobs()
+    assert job.parameters in found
+    jsonschema.validate(read_yaml(path.read_bytes(), path).data, json_schema(kind))
+
+
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from shear_sim.schema import PERCENT, Impossible, NonNegative, Positive, Section, default_kind
 
@@ -43,7 +43,10 @@ class SteadyShear(Section):
     relative_rate: Annotated[
         float,
         AfterValidator(_not_zero),
-        Field(description="strain rate × τ [-], either sign; ours"),
+        Field(
+            description="strain rate × τ [-], either sign, not 0; ours",
+            json_schema_extra={"not": {"const": 0}},
+        ),
     ]
     strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]; ours")]
     relative_frequency: Annotated[
@@ -81,7 +84,16 @@ Snapshots = Annotated[
         exclude_if=lambda value: value is None,
         description="also keep particles and contacts: so many times per unit, or at these moments "
         "[units]. The unit is a period, if the shear oscillates, from the begin of the shear; else "
-        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke",
+        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke; ours",
+    ),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "integer", "minimum": 1},
+                {"type": "array", "items": {"type": "number"}, "minItems": 1},
+                {"type": "null"},
+            ]
+        }
     ),
 ]
 

@@ -363,11 +363,11 @@ class HardDiscRecord(Section):
         Field(
             ge=20,
             description="records after the first, evenly in time; default: 1,000 per unit strain, "
-            "1,000 per unit compression, 400 per period, 10 per τ",
+            "1,000 per unit compression, 400 per period, 10 per τ; ours",
         ),
     ] = None
     state: Annotated[
-        bool, Field(description="keep where discs and contacts are at the end in the summary")
+        bool, Field(description="keep where discs and contacts are at the end in the summary; ours")
     ] = False
     snapshots: Snapshots = None
 

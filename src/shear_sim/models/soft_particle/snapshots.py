@@ -84,11 +84,13 @@ def _cores(system: System) -> FloatArray:
     chains, motion = system.chains, system.motion
     count = np.diff(chains.start)
     shared = np.zeros(len(count))
-    laws = (chains.core_stiffness, chains.core_pressure, chains.core_area)
     for p in np.flatnonzero(chains.core_law != HOLLOW).tolist():
         area = ring_area(motion.x, motion.y, int(chains.start[p]), int(chains.start[p + 1]))
-        law = (float(each[p]) for each in laws)
-        shared[p] = area * core_pressure(int(chains.core_law[p]), *law, area) / count[p]
+        pressure = core_pressure(
+            int(chains.core_law[p]), float(chains.core_stiffness[p]),
+            float(chains.core_pressure[p]), float(chains.core_area[p]), area,
+        )  # fmt: skip
+        shared[p] = pressure * area / count[p]
     return np.asarray(shared[chains.chain])
 
 

@@ -236,7 +236,7 @@ def test_stress_of_a_suspension_is_that_of_its_contacts_and_cores(boundary, fric
         assert np.abs(found - expected).max() < (1e-2 if friction else 1e-9) * pressure
         record = {name: values[-1] for name, values in simulation.columns().items()}
         recorded = np.array([[record[f"stress_{a}{b}"] for b in "xy"] for a in "xy"])
-        assert np.abs(recorded - expected).max() < (0.01 if row else 0.04) * pressure
+        assert np.abs(recorded - expected).max() < (0.02 if row else 0.04) * pressure
         assert snapshot.core.sum() > 0.5 * pressure * snapshot.width * snapshot.height
         away.append(np.abs(soft_stress(snapshot) - recorded).max() / pressure)
     assert (max(away) > 0.06) == plates

@@ -39,7 +39,7 @@ class Snapshot(NamedTuple):
     Of soft particles (Σ f_a r_b + δ_ab Σ core) / area is that of springs and cores: exact without
     friction, and with it to 1 % of the pressure, as friction acts at one of the segments that a
     vertex touches. The recorded one has dashpots and inertia too, of up to 4 % of the pressure at
-    the first record of a shear, which begins at once, and 1 % later. Between plates it has the
+    the first record of a shear, which begins at once, and 2 % later. Between plates it has the
     forces on fixed vertices at the line y = 0: their y is to be taken as 0, so that their cores add
     nothing to yy. Of a box or a tissue the recorded one is that on walls or grips, and its area is
     not that of the picture: in a box without friction the sum over ``box_area`` is the mean of

@@ -333,7 +333,14 @@ def test_a_number_of_an_oscillation_begins_with_the_shear():
         ("record: {snapshots: 0}", "record.snapshots = 0: must be a number of snapshots"),
         ("record: {snapshots: [a]}", "must be a number of snapshots"),
         ("record: {snapshots: []}", "or a list of moments"),
-        ("record: {snapshots: 101}", "in which there are 100 records: at most that many"),
+        (
+            "record: {snapshots: 101}",
+            "there are 100 records: at most that many, or more records by record.every or integr",
+        ),
+        (
+            "model: {kind: soft_particle}\nrecord: {snapshots: 20}\nscenes: {a: {record.rows: 20}}",
+            "20 snapshots (record.snapshots) in a unit",
+        ),
         ("record: {snapshots: [0, 9]}", "9 is not within the run, from -2 to 4"),
         (
             "{model: {kind: hard_disc}, shear: {kind: steady}, record: {snapshots: [-0.1]}}",

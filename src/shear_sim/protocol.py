@@ -99,7 +99,11 @@ Snapshots = Annotated[
 
 
 def check_snapshots(
-    wanted: int | tuple[float, ...] | None, first: float, last: float, records: float
+    wanted: int | tuple[float, ...] | None,
+    first: float,
+    last: float,
+    records: float,
+    keys: tuple[str, ...] = ("record.rows",),
 ) -> None:
     """Refuse snapshots outside of the run, and more of them than records.
 
@@ -111,6 +115,8 @@ def check_snapshots(
         When the run begins and ends, in units of the protocol.
     records : float
         Records per unit.
+    keys : tuple of str
+        What says how many there are.
 
     Raises
     ------
@@ -119,10 +125,11 @@ def check_snapshots(
     """
     if isinstance(wanted, int) and wanted > records * (1 + 1e-9):
         message = (
-            f"{wanted} snapshots in a unit of the protocol (a period, a strain of 1), in which "
-            f"there are {records:.4g} records: at most that many"
+            f"{wanted} snapshots (record.snapshots) in a unit of the protocol (a period, a stroke, "
+            f"a strain of 1), in which there are {records:.4g} records: at most that many, or more "
+            f"records by {' or '.join(keys)}"
         )
-        raise Impossible([(("record.snapshots",), message)])
+        raise Impossible([(("record.snapshots", *keys, "shear.kind"), message)])
     if isinstance(wanted, tuple):
         margin = 1e-9 * (last - first)
         outside = [t for t in wanted if not first - margin <= t <= last + margin]

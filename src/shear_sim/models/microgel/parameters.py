@@ -335,7 +335,10 @@ class MicrogelPoint(Point):
         unit = 1.0 if isinstance(shear, OscillatoryShear) else shear.strain / shear.periods
         first, last = -shear.pre_periods, shear.periods + shear.post_periods
         records = self.steps_per_period / self.record.every / unit
-        check_snapshots(self.record.snapshots, first * unit, last * unit, records)
+        check_snapshots(
+            self.record.snapshots, first * unit, last * unit, records,
+            ("record.every", "integrator.steps_per_period"),
+        )  # fmt: skip
         return self
 
     @property

@@ -2,7 +2,8 @@
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links and bars of shells as bonds, the number of the cluster that they make
-as ``body``, and in ``log`` the spin of the particles, strain and stress of the record; of soft ones
+as ``body``, and in ``log`` the spin of the particles, walls n·x < position in the frame of the
+positions, strain and stress of the record; of soft ones
 also the energy, and the core: its pressure times area [N], shared by the vertices of a ring. The
 table has every contact in full precision. Both are written whole; the table holds the checksum of
 the other file.
@@ -36,7 +37,11 @@ FIELDS = (
     ("kind", "", "link, contact (it holds), sliding, cohesive (link of two shells), bar (of one)"),
 )
 #: Columns of a result that a frame repeats, as far as there are such.
-LOGGED = ("time", "strain", "compression", "shear_stress", "pressure", "force")
+LOGGED = (
+    "time", "strain", "compression", "shear_stress", "pressure", "scaled_shear_stress",
+    "scaled_pressure", "stress_xx", "stress_xy", "stress_yx", "stress_yy", "stress_floor",
+    "outer_pressure", "force", "deflection",
+)  # fmt: skip
 BONDS = (LINK, BAR)  # what makes clusters of particles
 _TYPES = ["particle", "fixed"]
 
@@ -141,8 +146,14 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
         made.log["particles/core"] = snapshot.core
     made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
     if len(snapshot.walls):
-        made.log["walls"] = snapshot.walls
+        middle = 0.5 * np.array([snapshot.width + offset, snapshot.height])
+        made.log["walls"] = _displaced(snapshot.walls, -middle)
     return made
+
+
+def _displaced(walls: FloatArray, by: FloatArray) -> FloatArray:
+    """Return walls (W, 3), n_x, n_y and position, displaced ``by`` (2,)."""
+    return walls + np.outer(walls[:, :2] @ by, [0.0, 0.0, 1.0])
 
 
 def in_cell(snapshot: Snapshot) -> FloatArray:
@@ -206,7 +217,7 @@ def read_snapshots(folder: Path, job: str) -> list[Snapshot]:
                 fixed=each.particles.typeid == 1,
                 i=part["i"], j=part["j"], separation=np.column_stack([part["x"], part["y"]]),
                 normal=part["normal"], tangential=part["tangential"], kind=kind[first:end],
-                walls=each.log.get("walls", np.zeros((0, 3))),
+                walls=_displaced(each.log.get("walls", np.zeros((0, 3))), centre),
                 energy=each.log.get("particles/energy"), core=each.log.get("particles/core"),
             )  # fmt: skip
             found.append(snapshot)

@@ -481,6 +481,21 @@ def test_strain_and_stress_of_every_scene_are_in_the_log(given, names, tmp_path)
             assert file[0].log[name] == [columns[name][row]]
 
 
+def test_snapshots_of_another_job_are_told(study, tmp_path):
+    """Both files copied over those of a job are whole, but not its own."""
+    mine, other = (make_job(name, 5).id for name in NAMES if name.endswith(("links", "triangles")))
+    results = Results(tmp_path)
+    shutil.copytree(study.folder, tmp_path, dirs_exist_ok=True)
+    assert results.damaged() == {}
+    for source, path in zip(
+        paths(results.snapshots, other), paths(results.snapshots, mine), strict=True
+    ):
+        shutil.copyfile(source, path)
+    assert list(results.damaged()) == [mine]
+    with pytest.raises(TableError, match=f"snapshots of another job, {other}"):
+        read_kept(results.job_file(mine))
+
+
 def table_shear(table, row):
     return table.columns["periodic_love_weber_xy"][row] - table.columns["periodic_torque_yx"][row]
 

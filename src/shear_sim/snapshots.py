@@ -228,12 +228,14 @@ def damage(folder: Path, job: str) -> str | None:
     """Return what is wrong with the files of a job's snapshots; None: nothing."""
     gsd_file, table = paths(folder, job)
     try:
-        expected = read_summary(table)["gsd_sha256"]
+        written = read_summary(table)
         content = gsd_file.read_bytes()
     except TableError as error:
         return str(error)
     except OSError as error:
         return f"{gsd_file}: cannot be read ({error.strerror or error})"
-    if hashlib.sha256(content).hexdigest() != expected:
+    if written["job"] != job:
+        return f"{table}: snapshots of another job, {written['job']}: copied over those of {job}?"
+    if hashlib.sha256(content).hexdigest() != written["gsd_sha256"]:
         return f"{gsd_file}: damaged: its checksum is wrong"
     return None

@@ -496,6 +496,34 @@ def test_snapshots_of_another_job_are_told(study, tmp_path):
         read_kept(results.job_file(mine))
 
 
+@pytest.mark.parametrize("wanted", [1, [0.0]])
+def test_a_run_that_jams_keeps_its_last_state(wanted):
+    simulation = models.model("hard_disc").start(
+        jamming(wanted),
+        Streams(1, 0),
+    )
+    finish(simulation)
+    assert simulation.status == "jammed"
+    rows = [snapshot.row for snapshot in simulation.snapshots]
+    assert rows[-1] == simulation.rows - 1
+    assert len(set(rows)) == len(rows) > 1
+    columns = simulation.columns()
+    found = np.trace(stress(simulation.snapshots[-1])) / 2
+    assert found == pytest.approx(columns["scaled_pressure"][-1], rel=1e-12)
+    plain = models.model("hard_disc").start(jamming(None), Streams(1, 0))
+    finish(plain)
+    assert len(plain.snapshots) == 0
+
+
+def jamming(snapshots):
+    """A compression that ends before its time."""
+    data = HARD | {
+        "shear": {"kind": "compression", "compression": 0.2},
+        "record": {"snapshots": snapshots},
+    }
+    return models.model("hard_disc").POINT.model_validate(data).resolved()
+
+
 def table_shear(table, row):
     return table.columns["periodic_love_weber_xy"][row] - table.columns["periodic_torque_yx"][row]
 

@@ -443,17 +443,18 @@ def test_what_others_read(study):
 
 
 def test_walls_are_in_the_frame_of_the_positions(study):
-    """Vertices at a plate are at half the thickness of the shell from it, in the file itself."""
+    """In the file itself vertices are as far from a plate as the contacts with it say."""
     job = make_job("soft particle: ring with friction", 5)
     gsd_file, _ = paths(study.snapshots, job.id)
     kept = read_snapshots(study.snapshots, job.id)
     with gsd.hoomd.open(gsd_file) as file:
         for frame, snapshot in zip(file, kept, strict=True):
             for w, wall in enumerate(frame.log["walls"]):
-                touching = snapshot.i[snapshot.j == -1 - w]
-                gap = frame.particles.position[touching, :2] @ wall[:2] - wall[2]
-                assert gap == pytest.approx(snapshot.radius[touching], rel=0.05)
-        assert len(touching) > 0
+                touching = snapshot.j == -1 - w
+                gap = frame.particles.position[snapshot.i[touching], :2] @ wall[:2] - wall[2]
+                away = np.hypot(*snapshot.separation[touching].T)
+                assert gap == pytest.approx(away, abs=1e-6 * snapshot.width)
+        assert touching.sum() > 0
 
 
 @pytest.mark.parametrize(

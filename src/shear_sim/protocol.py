@@ -84,7 +84,8 @@ Snapshots = Annotated[
         exclude_if=lambda value: value is None,
         description="also keep particles and contacts: so many times per unit, or at these moments "
         "[units]. The unit is a period, if the shear oscillates, from the begin of the shear; else "
-        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke; ours",
+        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke. A run "
+        "that ends early keeps its last record too; ours",
     ),
     WithJsonSchema(
         {

@@ -79,7 +79,10 @@ class Simulation(Protocol):
 
     @property
     def snapshots(self) -> Sequence[Snapshot]:
-        """What ``record.snapshots`` of the point asked for, so far; never changes the motion."""
+        """What ``record.snapshots`` of the point asked for, so far; never changes the motion.
+
+        Of a run that ends early also its last record.
+        """
 
     @property
     def rows(self) -> int:

@@ -2,11 +2,10 @@
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links and bars of shells as bonds, the number of the cluster that they make
-as ``body``, and in ``log`` the spin of the particles, walls n·x < position in the frame of the
-positions, strain and stress of the record; of soft ones
-also the energy, and the core: its pressure times area [N], shared by the vertices of a ring. The
-table has every contact in full precision. Both are written whole; the table holds the checksum of
-the other file.
+as ``body``, and in ``log`` the spin of the particles, strain and stress of the record, and walls
+n·x < position in the frame of the positions; of soft ones also the energy, and the core: its
+pressure times area [N], shared by the vertices of a ring. The table has every contact in full
+precision. Both are written whole; the table holds the checksum of the other file.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Draw a picture of each scene of the three models, from their study files in configs/.
+"""Draw a picture of each scene of the seven studies in configs/ that differ by their scenes.
 
 .venv/bin/python analysis/gallery.py
 

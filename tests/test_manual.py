@@ -5,6 +5,8 @@ import itertools
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,11 +48,12 @@ def in_help():
 
 def in_code(text):
     """Return whole commands in backticks (names of commands alone are words)."""
-    found = re.findall(r"`(shear-sim [a-z-]+ [^`]+)`", text)
+    found = re.findall(r"`(shear-sim (?:--[a-z-]+|[a-z-]+ [^`]+))`", text)
     return [each for each in found if "COMMAND" not in each]
 
 
 COMMANDS = sorted({*in_blocks(README), *in_code(README), *in_code(PAGES), *in_help()})
+INSTALL = "shear-sim --install-completion"  # for the shell that calls it, see below
 
 
 def code_blocks(language):
@@ -92,13 +95,28 @@ def here(command, folder):
     )
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [each for each in COMMANDS if each != INSTALL])
 def test_a_command_of_the_manual_runs(command, sandbox, tmp_path, monkeypatch):
     monkeypatch.chdir(sandbox)
     shutil.rmtree("results/old", ignore_errors=True)  # which an import makes
     FakeSlurm(tmp_path / "slurm").on(monkeypatch)
+    if "results/old" in command and "import-legacy" not in command:
+        old = ["import-legacy", "OLD/run.txt", "--out", "results/old"]
+        assert CliRunner().invoke(cli.app, old, catch_exceptions=False).exit_code == 0
     shown = CliRunner().invoke(cli.app, here(command, sandbox), catch_exceptions=False)
     assert shown.exit_code == 0, shown.output
+
+
+def test_the_completion_of_the_manual_is_installed(tmp_path):
+    """In the files of the shell that calls it; whether it completes is another test."""
+    assert INSTALL in COMMANDS
+    program = tmp_path / "shear-sim"
+    program.write_text(f"#!{sys.executable}\nfrom shear_sim.cli import main\nmain()\n")
+    program.chmod(0o755)
+    env = new_environment() | {"HOME": str(tmp_path)}
+    script = f"{INSTALL.replace('shear-sim', str(program))}; exit $?"  # the shell stays the parent
+    subprocess.run(["bash", "-c", script], env=env, check=True, capture_output=True)
+    assert "shear-sim" in (tmp_path / ".bashrc").read_text()
 
 
 def test_the_manual_speaks_of_every_command():

@@ -60,8 +60,6 @@ def test_every_key_has_a_source(kind):
     source = re.compile(r"paper|[Ss]ection \d|S[12]-\d|(HD|SP)\.\d|\bours\b")
     numbered = set(re.findall(r"\((HD\.\d+|SP\.\d+)\)", inspect.getdoc(models.model(kind))))
     for section, info in fields_of(models.model(kind).POINT).items():
-        if section == "record":  # what is written down has none
-            continue
         for option in sections_of(info.annotation):
             for name, each in all_keys(option):
                 if sections_of(each.annotation) or (name, each.description) == ("kind", None):
@@ -84,6 +82,29 @@ def test_limits_and_choices_are_named():
     assert "\N{NO-BREAK SPACE}" not in text
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_that_is_the_default_may_be_left_out(kind, tmp_path):
+    """As the reference shows it, in the section itself and by a sweep."""
+    point = models.model(kind).POINT()
+    default, key = {
+        "microgel": (0.2, "strain_amplitude"),
+        "hard_disc": (1.0, "strain"),
+        "soft_particle": (0.4, "compression"),
+    }[kind]
+    path = tmp_path / "study.yaml"
+    path.write_text(
+        f"model: {{kind: {kind}}}\nshear: {{{key}: {default}}}\n"
+        f"sweep: {{grid: {{shear.{key}: [0.3, {default}]}}}}\nseed: 0\n"
+    )
+    found = [job.parameters for job in load_study(path).jobs()]
+    assert len(found) == 2
+    assert parameters(point.resolved()) in found
+    path.write_text(f"model: {{kind: {kind}}}\nshear: {{{key}: 0.3}}\nseed: 0\n")
+    (job,) = load_study(path).jobs()
+    assert job.parameters in found
+    jsonschema.validate(read_yaml(path.read_bytes(), path).data, json_schema(kind))
+
+
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
 def test_the_json_schema_takes_the_studies_of_configs(path):
     data = read_yaml(path.read_bytes(), path).data
@@ -98,13 +119,27 @@ def test_the_json_schema_takes_the_studies_of_configs(path):
         ({"model": {"friction": -1}}, ["model", "friction"]),
         ({"replicates": 0}, ["replicates"]),
         ({"swep": {}}, []),
+        ({"record": {"snapshots": 0}}, ["record", "snapshots"]),
+        ({"record": {"snapshots": []}}, ["record", "snapshots"]),
+        ({"record": {"snapshots": [0, "a"]}}, ["record", "snapshots", 1]),
     ],
 )
 def test_the_json_schema_refuses_what_is_wrong(data, path):
     schema = json.loads(printed("--json").stdout)
+    jsonschema.validators.validator_for(schema, default=None).check_schema(schema)
     with pytest.raises(jsonschema.ValidationError) as caught:
         jsonschema.validate(data, schema)
     assert list(caught.value.absolute_path) == path
+
+
+@pytest.mark.parametrize("rate", [-0.1, 0, 0.1])
+def test_a_rate_of_zero_is_refused_by_both(rate):
+    data = {"shear": {"kind": "steady", "relative_rate": rate, "strain": 1.0}}
+    taken = jsonschema.Draft202012Validator(json_schema("microgel")).is_valid(data)
+    assert taken == (rate != 0)
+    if not taken:
+        with pytest.raises(ValueError, match="must not be 0"):
+            models.model("microgel").POINT.model_validate(data)
 
 
 def test_a_model_that_there_is_not():

@@ -546,6 +546,16 @@ def test_only_soft_particles_have_energies(jobs, tmp_path):
         assert "no energies of its particles" in str(shown.exception)
 
 
+def test_a_file_that_is_no_result_is_told_from_a_job_that_failed(tmp_path):
+    for name, what in (
+        ("a1.gsd", "no result of a job: give its id, a1, or its file in jobs/"),
+        ("a1.json", "a job that failed: there is nothing to draw"),
+    ):
+        (tmp_path / name).write_bytes(b"")
+        with pytest.raises(ResultsError, match=what):
+            render.read_kept(tmp_path / name)
+
+
 def test_what_does_not_turn_is_not_coloured_by_spin(jobs, box, tmp_path):
     shown = call(jobs, jobs["kept"], "--colour", "spin", "--out", tmp_path / "spin.png")
     assert isinstance(shown.exception, ResultsError)

@@ -1,16 +1,19 @@
 """Snapshots: what is kept of particles and contacts, and what others read of it."""
 
+import copy
 import hashlib
+import shutil
 from pathlib import Path
 
 import gsd.hoomd
 import numpy as np
 import pytest
-from soft_particles import chain, ring, system
+from soft_particles import chain, finished, points, ring, system
 from tools import differences, read_table
 
 from shear_sim import models, runner
 from shear_sim.accuracy import finish
+from shear_sim.models import soft_particle
 from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.plan import make_plan
@@ -28,6 +31,7 @@ from shear_sim.snapshots import (
     write_snapshots,
 )
 from shear_sim.status import read_status
+from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, load_study, read_study
 from shear_sim.tables import TableError
 
@@ -61,6 +65,33 @@ POINTS = {
     },
 }
 NAMES = sorted(POINTS)
+SOFT = {
+    "kind": "soft_particle",
+    "thickness": 0.1,
+    "contact_stiffness": 33.0,
+    "contact_damping": 0.3,
+    "inner_damping": 0.3,
+    "drag": 0.03,
+    "core_ratio": 10.0,
+}
+SUSPENSION = points(
+    packing={"particles": 6, "vertices": 16, "packing_fraction": 0.95},
+    model=SOFT,
+    shear={"kind": "oscillatory", "relative_frequency": 0.05, "periods": 1},
+    record={"rows": 40, "snapshots": 40},
+)
+TISSUE = points(
+    packing={"particles": 6, "vertices": 16, "preparation": "tissue"},
+    model=SOFT | {"links": {"strength": 1.0}},
+    shear={"kind": "tension", "strain": 0.1, "relative_rate": 0.01},
+    record={"rows": 20, "snapshots": [0]},
+)
+BOX = points(
+    packing={"particles": 6, "vertices": 16, "spread": 0.15},
+    model=SOFT | {"inner_damping": 1.0, "drag": 0.0},
+    shear={"kind": "compaction", "strain": 0.25, "relative_rate": 0.003, "unload": False},
+    record={"rows": 40, "snapshots": [0, 0.6, 0.8, 1]},
+)
 
 
 def make_job(name, snapshots=None):
@@ -170,6 +201,69 @@ def test_contacts_of_a_ring_are_the_forces_on_its_vertices(runs):
     assert any((s.kind == SLIDING).any() for s in run.snapshots)
 
 
+def soft_stress(snapshot, held=False):
+    """σ of springs and cores; ``held``: forces on fixed vertices act at the line y = 0."""
+    separation = snapshot.separation.copy()
+    if held:
+        y, fixed, real = snapshot.position[:, 1], snapshot.fixed, snapshot.j >= 0
+        i, j = snapshot.i[real], snapshot.j[real]
+        point = y[i] + separation[real, 1]
+        line = snapshot.height * np.rint((point - y[j]) / snapshot.height)
+        end = np.where(fixed[j], line, point)
+        separation[real, 1] = end - np.where(fixed[i], 0.0, y[i])
+    total = np.einsum("ca,cb->ab", forces(snapshot), separation)
+    free = ~snapshot.fixed if held else slice(None)
+    total += np.diag([snapshot.core.sum(), snapshot.core[free].sum()])
+    return total / (snapshot.width * snapshot.height)
+
+
+def at_rest(system):
+    """The stress of a cell by its vertices, without dashpots and inertia."""
+    motion, images = system.motion, system.cell.images.copy()
+    images[1] = 0.0
+    still = {name: np.zeros_like(motion.x) for name in ("dx", "dy", "vx", "vy")}
+    bare = copy.copy(system)
+    bare.motion, bare.cell = motion._replace(**still), system.cell._replace(images=images)
+    return bare.stress().reshape(2, 2)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("boundary", ["lees_edwards", "plates"])
+def test_stress_of_a_suspension_is_that_of_its_contacts_and_cores(boundary, friction):
+    """Without friction to round-off of the forces; recorded: with dashpots, most at the begin."""
+    given = SUSPENSION(model={"friction": friction}, cell={"boundary": boundary})
+    simulation = soft_particle.start(given, Streams(3, 0))
+    plates, away = boundary == "plates", []
+    for row in range(simulation.rows):
+        simulation.advance(1)
+        snapshot = simulation.snapshots[-1]
+        assert snapshot.row == row
+        found, expected = soft_stress(snapshot, plates), at_rest(simulation.run.system)
+        pressure = np.trace(expected) / 2
+        assert np.abs(found - expected).max() < (1e-2 if friction else 1e-9) * pressure
+        record = {name: values[-1] for name, values in simulation.columns().items()}
+        recorded = np.array([[record[f"stress_{a}{b}"] for b in "xy"] for a in "xy"])
+        assert np.abs(recorded - expected).max() < (0.02 if row else 0.04) * pressure
+        assert snapshot.core.sum() > 0.5 * pressure * snapshot.width * snapshot.height
+        away.append(np.abs(soft_stress(snapshot) - recorded).max() / pressure)
+    assert (max(away) > 0.06) == plates
+
+
+def test_stress_of_a_box_is_that_of_its_contacts_and_cores():
+    """Of springs, over the box as it is now: the mean of floor and lid, and of the sides."""
+    simulation = finished(BOX())
+    columns = simulation.columns()
+    assert len(simulation.snapshots) == 4
+    for snapshot in simulation.snapshots[1:]:
+        row = snapshot.row
+        found = soft_stress(snapshot) * snapshot.width * snapshot.height / columns["box_area"][row]
+        assert found[1, 1] == pytest.approx(
+            0.5 * (columns["stress_yy"][row] + columns["stress_floor"][row]), rel=0.01
+        )
+        assert found[0, 0] == pytest.approx(columns["stress_xx"][row], rel=0.02)
+        assert snapshot.core.sum() / columns["box_area"][row] > 0.1 * found[1, 1]
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_contacts_of_two_chains_are_the_forces_on_each(closed):
     """Sliding by a ring: the sum over each chain, of normal forces and friction (bars cancel)."""
@@ -246,7 +340,14 @@ def test_a_number_of_an_oscillation_begins_with_the_shear():
         ("record: {snapshots: 0}", "record.snapshots = 0: must be a number of snapshots"),
         ("record: {snapshots: [a]}", "must be a number of snapshots"),
         ("record: {snapshots: []}", "or a list of moments"),
-        ("record: {snapshots: 101}", "in which there are 100 records: at most that many"),
+        (
+            "record: {snapshots: 101}",
+            "there are 100 records: at most that many, or more records by record.every or integr",
+        ),
+        (
+            "model: {kind: soft_particle}\nrecord: {snapshots: 20}\nscenes: {a: {record.rows: 20}}",
+            "20 snapshots (record.snapshots) in a unit",
+        ),
         ("record: {snapshots: [0, 9]}", "9 is not within the run, from -2 to 4"),
         (
             "{model: {kind: hard_disc}, shear: {kind: steady}, record: {snapshots: [-0.1]}}",
@@ -297,8 +398,9 @@ def test_files_give_the_snapshots_back(name, study):
         for field in ("i", "j", "separation", "normal", "tangential", "kind", "fixed", "periodic"):
             assert np.array_equal(getattr(back, field), getattr(snapshot, field)), field
         assert np.array_equal(back.spin, snapshot.spin)
-        assert np.array_equal(back.walls, snapshot.walls)
+        assert np.array_equal(back.core, snapshot.core)
         side = snapshot.width
+        assert back.walls == pytest.approx(snapshot.walls, abs=1e-6 * side)
         for field in ("velocity", "radius", "width", "height"):
             value = np.asarray(getattr(snapshot, field))
             scale = np.abs(value).max() + 1e-300
@@ -338,6 +440,89 @@ def test_what_others_read(study):
             body = frame.particles.body
             assert (body[frame.bonds.group[:, 0]] == body[frame.bonds.group[:, 1]]).all()
             assert len(np.unique(body[body >= 0])) == table.summary["preparation"]["particles"]
+
+
+def test_walls_are_in_the_frame_of_the_positions(study):
+    """In the file itself vertices are as far from a plate as the contacts with it say."""
+    job = make_job("soft particle: ring with friction", 5)
+    gsd_file, _ = paths(study.snapshots, job.id)
+    kept = read_snapshots(study.snapshots, job.id)
+    with gsd.hoomd.open(gsd_file) as file:
+        for frame, snapshot in zip(file, kept, strict=True):
+            for w, wall in enumerate(frame.log["walls"]):
+                touching = snapshot.j == -1 - w
+                gap = frame.particles.position[snapshot.i[touching], :2] @ wall[:2] - wall[2]
+                away = np.hypot(*snapshot.separation[touching].T)
+                assert gap == pytest.approx(away, abs=1e-6 * snapshot.width)
+        assert touching.sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        (BOX(record={"rows": 10, "snapshots": [0]}), {"strain", "stress_yy", "stress_xx"}),
+        (TISSUE(), {"strain", "stress_yy"}),
+        (SUSPENSION(), {"strain", "stress_xy", "stress_yy", "shear_stress", "pressure"}),
+        (make_job("hard discs: steady", 5).point, {"strain", "stress_xy", "scaled_pressure"}),
+        (make_job("microgel: loose, plates", 5).point, {"strain", "shear_stress", "pressure"}),
+    ],
+    ids=["box", "tissue", "suspension", "hard discs", "microgel"],
+)
+def test_strain_and_stress_of_every_scene_are_in_the_log(given, names, tmp_path):
+    model = models.model(given.kind)
+    simulation = model.start(given, Streams(3, 0))
+    while not simulation.snapshots:
+        simulation.advance(1)
+    columns = simulation.columns()
+    columns |= model.derive(columns)
+    write_snapshots(tmp_path / "snapshots", "some", simulation.snapshots[:1], columns)
+    row = simulation.snapshots[0].row
+    with gsd.hoomd.open(paths(tmp_path / "snapshots", "some")[0]) as file:
+        for name in names:
+            assert file[0].log[name] == [columns[name][row]]
+
+
+def test_snapshots_of_another_job_are_told(study, tmp_path):
+    """Both files copied over those of a job are whole, but not its own."""
+    mine, other = (make_job(name, 5).id for name in NAMES if name.endswith(("links", "triangles")))
+    results = Results(tmp_path)
+    shutil.copytree(study.folder, tmp_path, dirs_exist_ok=True)
+    assert results.damaged() == {}
+    for source, path in zip(
+        paths(results.snapshots, other), paths(results.snapshots, mine), strict=True
+    ):
+        shutil.copyfile(source, path)
+    assert list(results.damaged()) == [mine]
+    with pytest.raises(TableError, match=f"snapshots of another job, {other}"):
+        read_kept(results.job_file(mine))
+
+
+@pytest.mark.parametrize("wanted", [1, [0.0]])
+def test_a_run_that_jams_keeps_its_last_state(wanted):
+    simulation = models.model("hard_disc").start(
+        jamming(wanted),
+        Streams(1, 0),
+    )
+    finish(simulation)
+    assert simulation.status == "jammed"
+    rows = [snapshot.row for snapshot in simulation.snapshots]
+    assert rows[-1] == simulation.rows - 1
+    assert len(set(rows)) == len(rows) > 1
+    columns = simulation.columns()
+    found = np.trace(stress(simulation.snapshots[-1])) / 2
+    assert found == pytest.approx(columns["scaled_pressure"][-1], rel=1e-12)
+    plain = models.model("hard_disc").start(jamming(None), Streams(1, 0))
+    finish(plain)
+    assert len(plain.snapshots) == 0
+
+
+def jamming(snapshots):
+    """A compression that ends before its time."""
+    data = HARD | {
+        "shear": {"kind": "compression", "compression": 0.2},
+        "record": {"snapshots": snapshots},
+    }
+    return models.model("hard_disc").POINT.model_validate(data).resolved()
 
 
 def table_shear(table, row):

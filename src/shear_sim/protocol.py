@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from shear_sim.schema import PERCENT, Impossible, NonNegative, Positive, Section, default_kind
 
@@ -43,7 +43,10 @@ class SteadyShear(Section):
     relative_rate: Annotated[
         float,
         AfterValidator(_not_zero),
-        Field(description="strain rate × τ [-], either sign; ours"),
+        Field(
+            description="strain rate × τ [-], either sign, not 0; ours",
+            json_schema_extra={"not": {"const": 0}},
+        ),
     ]
     strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]; ours")]
     relative_frequency: Annotated[
@@ -81,13 +84,27 @@ Snapshots = Annotated[
         exclude_if=lambda value: value is None,
         description="also keep particles and contacts: so many times per unit, or at these moments "
         "[units]. The unit is a period, if the shear oscillates, from the begin of the shear; else "
-        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke",
+        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke. A run "
+        "that ends early keeps its last record too; ours",
+    ),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "integer", "minimum": 1},
+                {"type": "array", "items": {"type": "number"}, "minItems": 1},
+                {"type": "null"},
+            ]
+        }
     ),
 ]
 
 
 def check_snapshots(
-    wanted: int | tuple[float, ...] | None, first: float, last: float, records: float
+    wanted: int | tuple[float, ...] | None,
+    first: float,
+    last: float,
+    records: float,
+    keys: tuple[str, ...] = ("record.rows",),
 ) -> None:
     """Refuse snapshots outside of the run, and more of them than records.
 
@@ -99,6 +116,8 @@ def check_snapshots(
         When the run begins and ends, in units of the protocol.
     records : float
         Records per unit.
+    keys : tuple of str
+        What says how many there are.
 
     Raises
     ------
@@ -107,10 +126,11 @@ def check_snapshots(
     """
     if isinstance(wanted, int) and wanted > records * (1 + 1e-9):
         message = (
-            f"{wanted} snapshots in a unit of the protocol (a period, a strain of 1), in which "
-            f"there are {records:.4g} records: at most that many"
+            f"{wanted} snapshots (record.snapshots) in a unit of the protocol (a period, a stroke, "
+            f"a strain of 1), in which there are {records:.4g} records: at most that many, or more "
+            f"records by {' or '.join(keys)}"
         )
-        raise Impossible([(("record.snapshots",), message)])
+        raise Impossible([(("record.snapshots", *keys, "shear.kind"), message)])
     if isinstance(wanted, tuple):
         margin = 1e-9 * (last - first)
         outside = [t for t in wanted if not first - margin <= t <= last + margin]

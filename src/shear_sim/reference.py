@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args, get_origin
 import annotated_types as limits
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import PydanticUndefined
 
 from shear_sim import models
@@ -54,6 +55,7 @@ def json_schema(kind: str) -> dict[str, Any]:
     """Return the JSON Schema of one model's study files, for editors that complete and check."""
     schema = models.model(kind).POINT.model_json_schema()
     design = Design.model_json_schema()
+    schema["$schema"] = GenerateJsonSchema.schema_dialect
     schema["title"] = f"Study file of shear-sim, model {kind}"
     schema["properties"] |= {
         # What a sweep holds is checked against the model's keys, which no schema can say.

@@ -78,7 +78,12 @@ def read_kept(path: Path) -> Kept:
         If a file is damaged.
     """
     if path.suffix != ".parquet":
-        msg = f"{path}: a job that failed: there is nothing to draw"
+        what = (
+            "a job that failed: there is nothing to draw"
+            if path.suffix == ".json"
+            else f"no result of a job: give its id, {path.stem}, or its file in jobs/"
+        )
+        msg = f"{path}: {what}"
         raise ResultsError(msg)
     table = read_job(path)
     if "snapshots" not in table.summary:

@@ -2,10 +2,11 @@
 
 GSD (schema ``hoomd``, 2D box, floats of 4 bytes) is what OVITO and freud read: positions, radii as
 diameters, velocities, links and bars of shells as bonds, the number of the cluster that they make
-as ``body``, and in ``log`` the spin of the particles (of soft ones also the energy), strain and
-stress of the record. The box of a cell without images has room for all particles; ``cell`` in
-``log`` is then its size. The table has every contact in full precision. Both are written whole; the
-table holds the checksum of the other file.
+as ``body``, and in ``log`` the spin of the particles, strain and stress of the record, and walls
+n·x < position in the frame of the positions; of soft ones also the energy, and the core: its
+pressure times area [N], shared by the vertices of a ring. The box of a cell without images has room
+for all particles; ``cell`` in ``log`` is then its size. The table has every contact in full
+precision. Both are written whole; the table holds the checksum of the other file.
 """
 
 import hashlib
@@ -29,14 +30,18 @@ FIELDS = (
     ("snapshot", "1", "number of the snapshot, a frame of the GSD file"),
     ("i", "1", "particle"),
     ("j", "1", "particle that it meets; −1 − w: wall w"),
-    ("x", "m", "from i to the image of j that it meets (hard discs: mean small diameters)"),
+    ("x", "m", "from i to the image of j that it meets, or its nearest point (hard discs: in λ)"),
     ("y", "m", "the same"),
     ("normal", "N/m", "force that pushes i and j apart (hard discs: path rate / ξ₀)"),
     ("tangential", "N/m", "force on j along (−y, x) / distance"),
     ("kind", "", "link, contact (it holds), sliding, cohesive (link of two shells), bar (of one)"),
 )
 #: Columns of a result that a frame repeats, as far as there are such.
-LOGGED = ("time", "strain", "compression", "shear_stress", "pressure", "force")
+LOGGED = (
+    "time", "strain", "compression", "shear_stress", "pressure", "scaled_shear_stress",
+    "scaled_pressure", "stress_xx", "stress_xy", "stress_yx", "stress_yy", "stress_floor",
+    "outer_pressure", "force", "deflection",
+)  # fmt: skip
 BONDS = (LINK, BAR)  # what makes clusters of particles
 _TYPES = ["particle", "fixed"]
 
@@ -115,8 +120,8 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     made.configuration.dimensions = 2
     count = len(snapshot.radius)
     place = np.zeros((count, 3), np.float32)
-    # A box of GSD has its centre at the origin.
-    place[:, :2] = in_cell(snapshot) - 0.5 * (size + np.array([offset, 0.0]))
+    middle = 0.5 * (size + np.array([offset, 0.0]))  # where a box of GSD has its origin
+    place[:, :2] = in_cell(snapshot) - middle
     room = size
     if not snapshot.periodic:  # positions outside of its box are an error to who reads it
         most = np.abs(place[:, :2]) + snapshot.radius[:, None]
@@ -141,12 +146,19 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any]) -> "gsd.hoomd.Frame":
     made.log["particles/spin"] = snapshot.spin
     if snapshot.energy is not None:
         made.log["particles/energy"] = snapshot.energy
+    if snapshot.core is not None:
+        made.log["particles/core"] = snapshot.core
     made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
     if (room > size).any():
         made.log["cell"] = size
     if len(snapshot.walls):
-        made.log["walls"] = snapshot.walls
+        made.log["walls"] = _displaced(snapshot.walls, -middle)
     return made
+
+
+def _displaced(walls: FloatArray, by: FloatArray) -> FloatArray:
+    """Return walls (W, 3), n_x, n_y and position, displaced ``by`` (2,)."""
+    return walls + np.outer(walls[:, :2] @ by, [0.0, 0.0, 1.0])
 
 
 def in_cell(snapshot: Snapshot) -> FloatArray:
@@ -211,8 +223,8 @@ def read_snapshots(folder: Path, job: str) -> list[Snapshot]:
                 fixed=each.particles.typeid == 1,
                 i=part["i"], j=part["j"], separation=np.column_stack([part["x"], part["y"]]),
                 normal=part["normal"], tangential=part["tangential"], kind=kind[first:end],
-                walls=each.log.get("walls", np.zeros((0, 3))),
-                energy=each.log.get("particles/energy"),
+                walls=_displaced(each.log.get("walls", np.zeros((0, 3))), centre),
+                energy=each.log.get("particles/energy"), core=each.log.get("particles/core"),
             )  # fmt: skip
             found.append(snapshot)
     return found
@@ -222,12 +234,14 @@ def damage(folder: Path, job: str) -> str | None:
     """Return what is wrong with the files of a job's snapshots; None: nothing."""
     gsd_file, table = paths(folder, job)
     try:
-        expected = read_summary(table)["gsd_sha256"]
+        written = read_summary(table)
         content = gsd_file.read_bytes()
     except TableError as error:
         return str(error)
     except OSError as error:
         return f"{gsd_file}: cannot be read ({error.strerror or error})"
-    if hashlib.sha256(content).hexdigest() != expected:
+    if written["job"] != job:
+        return f"{table}: snapshots of another job, {written['job']}: copied over those of {job}?"
+    if hashlib.sha256(content).hexdigest() != written["gsd_sha256"]:
         return f"{gsd_file}: damaged: its checksum is wrong"
     return None

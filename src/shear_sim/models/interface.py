@@ -33,7 +33,17 @@ class Snapshot(NamedTuple):
 
     Contact c pushes particle j along n = separation/|separation| with the force ``normal``, and
     along (−n_y, n_x) with ``tangential``, and i the other way. So Σ f_a r_b / area over contacts,
-    f on j and r the separation, is the stress of the model's Love–Weber sum, compression positive.
+    f on j and r the separation, is the stress of the model's Love–Weber sum, compression positive,
+    of discs the recorded one to round-off.
+
+    Of soft particles (Σ f_a r_b + δ_ab Σ core) / area is that of springs and cores: exact without
+    friction, and with it to 1 % of the pressure, as friction acts at one of the segments that a
+    vertex touches. The recorded one has dashpots and inertia too, of up to 4 % of the pressure at
+    the first record of a shear, which begins at once, and 2 % later. Between plates it has the
+    forces on fixed vertices at the line y = 0: their y is to be taken as 0, so that their cores add
+    nothing to yy. Of a box or a tissue the recorded one is that on walls or grips, and its area is
+    not that of the picture: in a box without friction the sum over ``box_area`` is the mean of
+    floor and lid to 1 %, and that of the sides to 2 %.
     """
 
     row: int  # of the result table
@@ -48,12 +58,15 @@ class Snapshot(NamedTuple):
     fixed: NDArray[np.bool_]  # (N,) does not move by itself
     i: NDArray[np.int32]  # (C,)
     j: NDArray[np.int32]  # −1 − w is wall w
-    separation: NDArray[np.float64]  # (C, 2) from i to the image of j that it meets
+    #: (C, 2) from i to the image of j that it meets; of shells to the nearest point of a segment
+    #: that ends at j
+    separation: NDArray[np.float64]
     normal: NDArray[np.float64]
     tangential: NDArray[np.float64]
     kind: NDArray[np.int8]  # of CONTACT_KINDS; a contact pulls by its dashpot only
     walls: NDArray[np.float64]  # (W, 3) n_x, n_y, position: the half-plane n·x < position
     energy: NDArray[np.float64] | None = None  # (N,) stored in the particle that it is a vertex of
+    core: NDArray[np.float64] | None = None  # (N,) its share of pressure times area of a core
 
 
 class Simulation(Protocol):
@@ -66,7 +79,10 @@ class Simulation(Protocol):
 
     @property
     def snapshots(self) -> Sequence[Snapshot]:
-        """What ``record.snapshots`` of the point asked for, so far; never changes the motion."""
+        """What ``record.snapshots`` of the point asked for, so far; never changes the motion.
+
+        Of a run that ends early also its last record.
+        """
 
     @property
     def rows(self) -> int:

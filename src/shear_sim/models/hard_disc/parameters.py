@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from shear_sim.models.interface import Point
 from shear_sim.protocol import Snapshots, check_snapshots
-from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section
+from shear_sim.schema import PERCENT, Fraction, Impossible, Positive, Section, default_kind
 
 CLOSEST = math.pi / math.sqrt(12)  # packing fraction of the densest packing of equal discs
 
@@ -156,7 +156,7 @@ class HardDisc(Section):
 class HardDiscSteadyShear(Section):
     """Steady shear: at fixed area or pressure, with imposed compression, or at fixed stress."""
 
-    kind: Literal["steady"]
+    kind: Literal["steady"] = "steady"
     strain: Annotated[float, Field(gt=0, description="total strain |γ| reached [-]; paper V A")] = (
         1.0
     )
@@ -363,11 +363,11 @@ class HardDiscRecord(Section):
         Field(
             ge=20,
             description="records after the first, evenly in time; default: 1,000 per unit strain, "
-            "1,000 per unit compression, 400 per period, 10 per τ",
+            "1,000 per unit compression, 400 per period, 10 per τ; ours",
         ),
     ] = None
     state: Annotated[
-        bool, Field(description="keep where discs and contacts are at the end in the summary")
+        bool, Field(description="keep where discs and contacts are at the end in the summary; ours")
     ] = False
     snapshots: Snapshots = None
 
@@ -377,8 +377,8 @@ class HardDiscPoint(Point):
 
     packing: HardDiscPacking = HardDiscPacking()
     model: HardDisc = HardDisc()
-    shear: Annotated[HardDiscShear, Field(discriminator="kind")] = HardDiscSteadyShear(
-        kind="steady"
+    shear: Annotated[HardDiscShear, Field(discriminator="kind"), default_kind("steady")] = (
+        HardDiscSteadyShear()
     )
     integrator: HardDiscIntegrator = HardDiscIntegrator()
     record: HardDiscRecord = HardDiscRecord()

@@ -71,6 +71,7 @@ class HardDiscSimulation:
         self._begun = False
         self._made = 0
         self.snapshots: list[Snapshot] = []
+        self._latest: Snapshot | None = None  # of the last record, if any are kept
         clock = self.path
         if isinstance(shear, HardDiscOscillatoryShear):
             clock = self.records.time / shear.period
@@ -100,6 +101,10 @@ class HardDiscSimulation:
                 self.status = "arrested"
                 self.stopped = f"arrested at path {self.flow.path:.9g}: {arrest}"
         self.done = min(wanted, self._made)
+        if self.stopped is not None and self._latest is not None:
+            if self._latest.row not in [snapshot.row for snapshot in self.snapshots]:
+                self.snapshots.append(self._latest)
+            self._latest = None
 
     def _go_on(self) -> None:
         """Do one thing: make a record, go to an event, or change the drive."""
@@ -209,8 +214,10 @@ class HardDiscSimulation:
             math.sqrt(float((u**2).sum()) / discs), counts.collisions + counts.openings,
             float(u[0].sum()) / discs, float(u[1].sum()) / discs,
         )  # fmt: skip
-        if row in self._kept:
-            self.snapshots.append(self._snapshot(contacts, u))
+        if self._kept:
+            self._latest = self._snapshot(contacts, u)
+            if row in self._kept:
+                self.snapshots.append(self._latest)
         self._made += 1
 
     def _snapshot(self, now: Contacts, u: FloatArray) -> Snapshot:

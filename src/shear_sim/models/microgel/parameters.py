@@ -297,11 +297,13 @@ class Integrator(Section):
 class Record(Section):
     """What is written to the result table, and how often."""
 
-    every: Annotated[int, Field(ge=1, description="steps between records")] = 1
-    energy: Annotated[bool, Field(description="also the energy balance, at some cost")] = False
+    every: Annotated[int, Field(ge=1, description="steps between records; ours")] = 1
+    energy: Annotated[bool, Field(description="also the energy balance, at some cost; ours")] = (
+        False
+    )
     columns: Annotated[
         tuple[str, ...] | None,
-        Field(strict=False, description="stored columns by name; default: all"),
+        Field(strict=False, description="stored columns by name; default: all; ours"),
     ] = None
     snapshots: Snapshots = None
 
@@ -333,7 +335,10 @@ class MicrogelPoint(Point):
         unit = 1.0 if isinstance(shear, OscillatoryShear) else shear.strain / shear.periods
         first, last = -shear.pre_periods, shear.periods + shear.post_periods
         records = self.steps_per_period / self.record.every / unit
-        check_snapshots(self.record.snapshots, first * unit, last * unit, records)
+        check_snapshots(
+            self.record.snapshots, first * unit, last * unit, records,
+            ("record.every", "integrator.steps_per_period"),
+        )  # fmt: skip
         return self
 
     @property

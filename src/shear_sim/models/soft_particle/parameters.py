@@ -216,7 +216,7 @@ class SoftParticleRecord(Section):
             le=100_000,
             description="records; default 200 in diametral compression, 100 in compaction; twice "
             "that if unloaded; 400 in tension, 200 per period in oscillatory shear, 20 in a "
-            "vibration, 50 in bending",
+            "vibration, 50 in bending; ours",
         ),
     ] = None
     snapshots: Snapshots = None

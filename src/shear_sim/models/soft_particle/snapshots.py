@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from shear_sim.models.interface import BAR, COHESIVE, CONTACT, SLIDING, Snapshot
 from shear_sim.models.soft_particle.contacts import corner, side
-from shear_sim.models.soft_particle.state import LAST
+from shear_sim.models.soft_particle.kernels import core_pressure, ring_area
+from shear_sim.models.soft_particle.state import HOLLOW, LAST
 from shear_sim.models.soft_particle.system import System
 
 FloatArray = NDArray[np.float64]
@@ -40,8 +41,9 @@ def take(
 
     Bars bear their tension and the shear force of their moments. Forces are those of
     springs, without dashpots. The contacts of a vertex with a chain are with the vertices that end
-    the segments which it faces; friction goes with the segment that its spring is kept at. A
-    cohesive link is with the nearer end of its segment.
+    the segments which it faces, their separation ends at the nearest points of these; friction goes
+    with the segment that its spring is kept at. A cohesive link is with the nearer end of its
+    segment. What they sum to is said in :class:`shear_sim.models.interface.Snapshot`.
 
     Parameters
     ----------
@@ -73,8 +75,23 @@ def take(
         i=i.astype(np.int32), j=j.astype(np.int32), separation=np.column_stack([dx, dy]),
         normal=normal.copy(), tangential=tangential.copy(), kind=kind.astype(np.int8),
         walls=planes,
-        energy=system.particle_energies()[chains.chain],
+        energy=system.particle_energies()[chains.chain], core=_cores(system),
     )  # fmt: skip
+
+
+def _cores(system: System) -> FloatArray:
+    """Return p A of the core of each ring, shared by its vertices (V,) [N]: Σ f x = Σ f y = p A."""
+    chains, motion = system.chains, system.motion
+    count = np.diff(chains.start)
+    shared = np.zeros(len(count))
+    for p in np.flatnonzero(chains.core_law != HOLLOW).tolist():
+        area = ring_area(motion.x, motion.y, int(chains.start[p]), int(chains.start[p + 1]))
+        pressure = core_pressure(
+            int(chains.core_law[p]), float(chains.core_stiffness[p]),
+            float(chains.core_pressure[p]), float(chains.core_area[p]), area,
+        )  # fmt: skip
+        shared[p] = pressure * area / count[p]
+    return np.asarray(shared[chains.chain])
 
 
 def _bars(system: System) -> Iterator[_Contact]:

@@ -315,7 +315,10 @@ def march(
                     motion.x[a:b], motion.y[a:b], lists.x[a:b], lists.y[a:b], sheared
                 )
             meet(strips.meeting, strips.threads)
-            work.travelled[0] = strips.farthest.max()
+            # NumPy's max needs what this kernel is compiled without, unless found compiled already.
+            work.travelled[0] = 0.0
+            for s in range(strips.farthest.shape[0]):
+                work.travelled[0] = max(work.travelled[0], strips.farthest[s])
             work.travelled[0] += 0.5 * np.abs(sheared) * lists.span[0]
             if 2.0 * work.travelled[0] > ENOUGH * room:
                 return step, LISTS_USED_UP

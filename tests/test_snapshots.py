@@ -220,7 +220,7 @@ def soft_stress(snapshot, held=False):
 def at_rest(system):
     """The stress of a cell by its vertices, without dashpots and inertia."""
     motion, images = system.motion, system.cell.images.copy()
-    images[1] = 0.0
+    images[:, 1] = 0.0
     still = {name: np.zeros_like(motion.x) for name in ("dx", "dy", "vx", "vy")}
     bare = copy.copy(system)
     bare.motion, bare.cell = motion._replace(**still), system.cell._replace(images=images)

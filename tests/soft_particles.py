@@ -1,5 +1,7 @@
 """Small scenes of soft particles."""
 
+import pickle
+
 import numpy as np
 
 from shear_sim.models import soft_particle
@@ -25,6 +27,18 @@ def finished(given, seed=0):
     simulation = soft_particle.start(given, Streams(seed, 0))
     simulation.advance(10_000)
     return simulation
+
+
+def goes_on_to_the_same_bits(given, rows):
+    """Run a point whole, and again from what was kept of it after ``rows`` records."""
+    whole = soft_particle.start(given, Streams(0, 0))
+    whole.advance(rows)
+    again = pickle.loads(pickle.dumps(whole))  # noqa: S301 - our own
+    whole.advance(10_000)
+    again.advance(10_000)
+    for name, values in whole.columns().items():
+        assert np.array_equal(values, again.columns()[name]), name
+    assert whole.summary() == again.summary()
 
 
 def polygon(rng, vertices=9, radius=1.0, x=0.0, y=0.0):

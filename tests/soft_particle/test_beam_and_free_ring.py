@@ -1,15 +1,11 @@
 """Studies of beams, of rings under pressure and of vibrating rings, against closed forms."""
 
-import pickle
-
 import numpy as np
 import pytest
-from soft_particles import finished, points
+from soft_particles import finished, goes_on_to_the_same_bits, points
 
-from shear_sim.models import soft_particle
 from shear_sim.render import read_kept
 from shear_sim.runner import run_job
-from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, read_study
 
 beam = points(
@@ -121,14 +117,7 @@ def test_damping_calms_a_vibration():
     ],
 )
 def test_stop_and_go_on_to_the_same_bits(given):
-    whole = soft_particle.start(given, Streams(0, 0))
-    whole.advance(6)
-    again = pickle.loads(pickle.dumps(whole))  # noqa: S301
-    whole.advance(1000)
-    again.advance(1000)
-    for name, values in whole.columns().items():
-        assert np.array_equal(values, again.columns()[name]), name
-    assert whole.summary() == again.summary()
+    goes_on_to_the_same_bits(given, 6)
 
 
 @pytest.mark.parametrize("given", [beam(record={"rows": 10, "snapshots": [1]})])

@@ -1,10 +1,16 @@
 """Boxes of rings under a lid: how they start, what a run measures, and its energy balance."""
 
-import pickle
-
 import numpy as np
 import pytest
-from soft_particles import angular_momentum, finished, momentum, points, ring, system
+from soft_particles import (
+    angular_momentum,
+    finished,
+    goes_on_to_the_same_bits,
+    momentum,
+    points,
+    ring,
+    system,
+)
 
 from shear_sim.models import soft_particle
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
@@ -198,14 +204,7 @@ def test_rings_that_fell(tmp_path):
 
 def test_stop_and_go_on_to_the_same_bits():
     given = point({"yield_moment": 0.1, "friction": 0.3}, shear={"strain": 0.1})
-    whole = soft_particle.start(given, Streams(0, 0))
-    whole.advance(15)
-    again = pickle.loads(pickle.dumps(whole))  # noqa: S301
-    whole.advance(1000)
-    again.advance(1000)
-    for name, values in whole.columns().items():
-        assert np.array_equal(values, again.columns()[name]), name
-    assert whole.summary() == again.summary()
+    goes_on_to_the_same_bits(given, 15)
 
 
 @pytest.mark.parametrize(

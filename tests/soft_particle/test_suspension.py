@@ -1,10 +1,8 @@
 """Dense suspensions of rings under oscillatory shear: how they start, and what a run measures."""
 
-import pickle
-
 import numpy as np
 import pytest
-from soft_particles import finished, points
+from soft_particles import finished, goes_on_to_the_same_bits, points
 
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import SimulationError
@@ -159,14 +157,7 @@ def test_a_snapshot_holds_the_stress():
 def test_stop_and_go_on_to_the_same_bits(boundary):
     given = point({"yield_moment": 0.1, "friction": 0.3}, cell={"boundary": boundary},
                   shear={"periods": 1}, record={"rows": 40})  # fmt: skip
-    whole = soft_particle.start(given, Streams(0, 0))
-    whole.advance(15)
-    again = pickle.loads(pickle.dumps(whole))  # noqa: S301
-    whole.advance(1000)
-    again.advance(1000)
-    for name, values in whole.columns().items():
-        assert np.array_equal(values, again.columns()[name]), name
-    assert whole.summary() == again.summary()
+    goes_on_to_the_same_bits(given, 15)
 
 
 SHEAR = "shear: {kind: oscillatory}"

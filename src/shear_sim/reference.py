@@ -27,8 +27,9 @@ DESIGN = """\
 scenes: {}                          # {name: {key: value}}: sets of changes, side by side
 replicates: 1                       # jobs of each point, at least 1
 seed: 0                             # of all random numbers, at least 0
-threads: 1                          # cores of one job (microgel, one for each 1,024 discs at most):
-                                    # changes neither its id nor its bits
+threads: 1                          # cores of one job (microgel: at most one for each 1,024 discs;
+                                    # soft_particle: for each 2,000 vertices), neither in its id nor
+                                    # in its bits
 # sweep:                            # a block or a list of blocks, added up; each may have
 #   name: amplitude
 #   scenes: [crosslinked]           # default: all

@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 Meeting = NDArray[np.int64]
 
 ARRIVALS, BROKEN = 0, 8  # places in a Meeting, each in a cache line of its own
-PATIENCE = 2000  # looks, about a microsecond; then whoever else wants the core may have it
+PATIENCE = 2000  # looks, some microseconds; then whoever else wants the core may have it
 
 
 def new_meeting() -> Meeting:

@@ -75,7 +75,7 @@ def test_what_a_compaction_measures(elastic):
     pressed = table["strain"] > 0.15
     assert table["stress_floor"][pressed] == pytest.approx(stress[pressed], rel=0.2)
     unit = elastic.run.unit
-    for way in ("xx", "yy"):
+    for way in ("xx", "yy", "floor"):
         scaled = table[f"stress_{way}"] * 1e-6 / unit.hinge
         assert table[f"stress_{way}_per_bending"] == pytest.approx(scaled)
         assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)

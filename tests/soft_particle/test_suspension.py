@@ -51,8 +51,13 @@ def test_what_a_run_measures(boundary, tmp_path):
     wave = 0.2 * np.sin(2 * np.pi * table["time"] / period)
     assert table["strain"] == pytest.approx(wave, abs=1e-12)
     assert np.array_equal(table["shear_stress"], -table["stress_xy"])
-    for way in ("xx", "xy", "yy"):
-        assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
+    radius = 1e-3
+    length = 2 * radius * np.sin(np.pi / PACKING["vertices"])
+    bending = 1e6 * (MODEL["thickness"] * radius) ** 3 / 12 / length  # k_b, (SP.2)
+    for name in ("stress_xx", "stress_xy", "stress_yx", "stress_yy", "shear_stress", "pressure"):
+        assert table[f"{name}_per_modulus"] == pytest.approx(table[name] / 1e6)
+        scaled = table[name] * radius**2 / bending
+        assert table[f"{name}_per_bending"] == pytest.approx(scaled)
 
     measured = summary["measured"]
     shares = [measured[f"{name}_loss_share"] for name in ("yield", "friction", "damping", "drag")]

@@ -101,6 +101,7 @@ class Compactor(Scenario):
         system, width = self.system, self.width
         height = -float(system.walls.position[LID])
         stress = self._stress(LID, width)
+        floor = self._stress(FLOOR, width)
         sides = 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height))
         solid, circularity = shapes(system.chains, system.motion)
         return {
@@ -108,11 +109,13 @@ class Compactor(Scenario):
             "strain": math.log(self.start / height),
             "stress_yy": stress,
             "stress_xx": sides,
-            "stress_floor": self._stress(FLOOR, width),
+            "stress_floor": floor,
             "stress_yy_per_modulus": stress / self.modulus,
             "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
             "stress_xx_per_modulus": sides / self.modulus,
             "stress_xx_per_bending": sides * self.radius**2 / self.unit.hinge,
+            "stress_floor_per_modulus": floor / self.modulus,
+            "stress_floor_per_bending": floor * self.radius**2 / self.unit.hinge,
             "box_area": width * height,
             "solid_area": solid,
             "circularity": circularity,

@@ -99,21 +99,14 @@ class Suspension(Scenario):
     def record(self) -> dict[str, float]:
         """Return one record, see ``columns``."""
         system, bending = self.system, self.unit.hinge / self.radius**2
-        xx, xy, yx, yy = system.stress()
+        names = ("stress_xx", "stress_xy", "stress_yx", "stress_yy")
+        stress = dict(zip(names, map(float, system.stress()), strict=True))
         solid, circularity = shapes(system.chains, system.motion)
-        return {
+        return stress | {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": float(system.cell.strain[0]),
-            "stress_xx": xx,
-            "stress_xy": xy,
-            "stress_yx": yx,
-            "stress_yy": yy,
-            "stress_xx_per_modulus": xx / self.modulus,
-            "stress_xx_per_bending": xx / bending,
-            "stress_xy_per_modulus": xy / self.modulus,
-            "stress_xy_per_bending": xy / bending,
-            "stress_yy_per_modulus": yy / self.modulus,
-            "stress_yy_per_bending": yy / bending,
+            **{f"{name}_per_modulus": value / self.modulus for name, value in stress.items()},
+            **{f"{name}_per_bending": value / bending for name, value in stress.items()},
             "box_area": self.volume,
             "solid_area": solid,
             "circularity": circularity,

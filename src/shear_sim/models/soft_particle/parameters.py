@@ -74,6 +74,17 @@ class SoftParticlePacking(Section):
             "fill it; section 6"
         ),
     ] = "discs"
+    rigid_share: Annotated[
+        float,
+        Field(
+            ge=0,
+            lt=1,
+            exclude_if=lambda value: value == 0,
+            description="of the particles of a box, picked at random, that keep their shape; "
+            "section 2.4",
+        ),
+        PERCENT,
+    ] = 0.0
     vertices: Annotated[
         int,
         Field(
@@ -91,7 +102,11 @@ class SoftParticlePacking(Section):
     @model_validator(mode="after")
     def _one_ring_is_of_one_size(self) -> Self:
         if self.particles == 1:
-            keys = {"spread": self.spread > 0, "preparation": self.preparation != "discs"}
+            keys = {
+                "spread": self.spread > 0,
+                "preparation": self.preparation != "discs",
+                "rigid_share": self.rigid_share > 0,
+            }
             message = "has no effect on a single ring"
             if any(keys.values()):
                 raise Impossible([((key, "particles"), message) for key in keys if keys[key]])
@@ -311,6 +326,9 @@ class SoftParticlePoint(Point):
             only = "a suspension (shear.kind: oscillatory)"
             message = f"has no effect on {only}" if sheared else f"is for {only} only"
             raise Impossible([((key, "shear.kind"), message) for key in keys if keys[key]])
+        if self.packing.rigid_share > 0 and self.shear.kind != "compaction":
+            message = "rigid particles are for a box under a lid (shear.kind: compaction) only"
+            raise Impossible([(("packing.rigid_share", "shear.kind"), message)])
         return self
 
     @model_validator(mode="after")

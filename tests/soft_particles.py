@@ -117,6 +117,24 @@ def system(*bodies, stiffness=1.0, **given):
     return System(list(bodies), stiffness=stiffness, **given)
 
 
+HOUSE = [(0, 0), (2, 0), (4, 0), (4, 2), (2, 0.8), (0, 2)]  # a concave corner at (2, 0.8)
+
+
+def probe(points, at, closed=True, thickness=0.2, stiffness=1.0, **given):
+    """A fixed chain and one free vertex; a chain of no stiffness, so its other end is far away."""
+    at = np.array(at, float)
+    body = (ring(points=np.array(points, float), thickness=thickness) if closed
+            else chain(points, thickness=thickness))  # fmt: skip
+    away = chain([at, at + given.pop("tail", (0.0, 5.0))], thickness=thickness, stretch=1e-12)
+    s = system(body, away, stiffness=stiffness, **given)
+    n = len(points)
+    s.hold(np.arange(n))
+    s.hold(np.array([n + 1]))
+    s.chains.after[n] = -1  # its own segment touches nothing
+    s.begin()
+    return s, n
+
+
 def angular_momentum(s):
     m = s.motion
     return float((s.chains.mass * (m.x * m.vy - m.y * m.vx)).sum())

@@ -251,7 +251,7 @@ def test_a_lid_under_a_load():
     assert table["imposed_stress"] == pytest.approx(imposed * unit)
     assert table["imposed_stress_per_modulus"] == pytest.approx(imposed * unit / 1e6)
     assert table["stress_yy_per_bending"][3:-2] == pytest.approx(imposed[3:-2], abs=0.03)
-    assert table["stress_floor_per_bending"][3:-2] == pytest.approx(imposed[3:-2], abs=0.03)
+    assert table["stress_floor_per_bending"][3:-2] == pytest.approx(imposed[3:-2], abs=0.08)
     work = np.trapezoid(table["imposed_stress"][: top + 1], -table["box_area"][: top + 1])
     assert table["work"][top] == pytest.approx(work, rel=0.03)
     loading = driven.columns()
@@ -262,7 +262,7 @@ def test_a_lid_under_a_load():
         loading["strain"][: there + 1],
     )
     found = np.interp([0.2, 0.5, 0.9], imposed[: top + 1], table["strain"][: top + 1])
-    assert found == pytest.approx(strain, abs=0.01)
+    assert found == pytest.approx(strain, abs=0.02)
     assert run.summary()["measured"]["energy_missing_ratio"] < 1e-4
 
 

@@ -187,7 +187,9 @@ def test_a_job_through_the_runner(tmp_path):
 def test_plates_that_are_too_soft_stop_the_run():
     given = point(12, model={"thickness": 0.02, "contact_stiffness": 0.001},
                   shear={"compression": 0.7, "relative_rate": 0.05})  # fmt: skip
-    with pytest.raises(SimulationError, match=r"stopped at t = .* s \(step \d+\): .* or a wall: a"):
+    with pytest.raises(
+        SimulationError, match=r"stopped at t = .* s \(step \d+\): .* 0 .* or a wall: a"
+    ):
         finished(given)
 
 

@@ -68,7 +68,7 @@ def test_pressure_inside_raises_the_frequency(law):
 def test_a_ring_full_of_gas_or_fluid_between_plates(law):
     """p = p₀, or p₀ A₀/A; the plates bear it on a flat contact, as in a membrane of one length.
 
-    F = p (π/2) ε b₀, and bending takes 2 to 5 % besides.
+    F = p (π/2) ε b₀, as bending and stretching take little of it.
     """
     given = ring({"thickness": 0.05, "core": law, "core_pressure": 0.05}, shear={"unload": False})
     run = finished(given)
@@ -79,7 +79,7 @@ def test_a_ring_full_of_gas_or_fluid_between_plates(law):
     assert table["core_pressure"] == pytest.approx(above, abs=1e-6 * rest)
     assert table["area_ratio"][-1] < 0.93
     contact = 0.5 * np.pi * table["compression"][-1] * 2 * run.run.half
-    assert table["force"][-1] == pytest.approx(1.03 * (rest + above[-1]) * contact, rel=0.04)
+    assert table["force"][-1] == pytest.approx((rest + above[-1]) * contact, rel=0.01)
     assert measured["energy_missing_ratio"] < 1e-6
     assert run.summary()["derived"]["core_modulus"] == pytest.approx(rest if gas else 0.0)
     change = table["area_ratio"] - 1

@@ -212,7 +212,8 @@ def test_rigid_particles_keep_their_shape():
     """To round-off, while the others give way more; nothing is stored in them."""
     soft = finished(point(shear={"strain": 0.1, "unload": False}))
     given = point(
-        {"friction": 0.2}, {"rigid_share": 0.5}, shear={"strain": 0.1, "unload": False}
+        {"friction": 0.2}, {"rigid_share": 0.5}, shear={"strain": 0.1, "unload": False},
+        record={"rows": 40, "snapshots": [1]},
     )  # fmt: skip
     run = finished(given)
     system_, rigid = run.run.system, run.run.rigid
@@ -230,6 +231,7 @@ def test_rigid_particles_keep_their_shape():
     measured = run.summary()["measured"]
     assert measured["energy_missing_ratio"] < 1e-4
     assert run.columns()["stress_yy"][-1] > 1.5 * soft.columns()["stress_yy"][-1]
+    assert not run.snapshots[-1].fixed.any()  # they do move
     more = prepared(point(packing={"rigid_share": 0.8})).run.rigid
     assert set(rigid) < set(more)  # so that studies of the share compare in pairs
 

@@ -194,13 +194,15 @@ def test_a_job_through_the_runner(tmp_path):
     assert result.summary["status"] == "completed"
 
 
-def test_plates_that_are_too_soft_stop_the_run():
+def test_plates_that_are_too_soft_stop_the_run(tmp_path):
+    """And a run that was stopped has no result."""
     given = point(12, model={"thickness": 0.02, "contact_stiffness": 0.001},
                   shear={"compression": 0.7, "relative_rate": 0.05})  # fmt: skip
     with pytest.raises(
         SimulationError, match=r"stopped at t = .* s \(step \d+\): .* 0 .* or a wall: a"
     ):
-        finished(given)
+        run_job(Job.create(given, seed=0, replicate=0), tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,33 @@ def test_links_of_a_study_are_as_strong_as_it_says():
     assert run.link_energy == pytest.approx(0.5 * 0.04 * force * length)
 
 
+@pytest.mark.parametrize(
+    ("shear", "packing"),
+    [
+        ("diametral_compression", {}),
+        ("compaction", {"particles": 9}),
+        ("tension", {"particles": 9, "preparation": "tissue"}),
+        ("oscillatory", {"particles": 12, "packing_fraction": 0.8}),
+    ],
+)
+def test_contacts_of_a_study_are_as_stiff_as_it_says(shear, packing):
+    """k_n in k_b/ℓ², k_t in k_n, β = ζ √(m/k_n)/r, whatever is done to the particles."""
+    model = {
+        "thickness": 0.2, "contact_stiffness": 15.0, "tangential_ratio": 0.4, "friction": 0.25,
+        "contact_damping": 0.1, "drag": 0.3,
+    }  # fmt: skip
+    if shear == "tension":
+        model["links"] = {}
+    packing = {"vertices": 16} | packing
+    rules = prepared(points(packing=packing, model=model, shear={"kind": shear})()).run.system.rules
+    unit = scales(SoftParticle(**model), 16, 1e-3)
+    expected = (
+        unit.stiffness, 0.4 * unit.stiffness, 0.25,
+        0.1 * np.sqrt(unit.mass / unit.stiffness) / 1e-4, 0.3 * unit.mass * unit.frequency,
+    )  # fmt: skip
+    assert tuple(rules)[:5] == pytest.approx(expected)
+
+
 def test_what_is_kept_of_a_vibration():
     """Frequency from zeros, drift from a line: per 1,000 periods, over the energy at the start."""
     run = prepared(points(packing={"vertices": 12}, model={"thickness": 0.2},

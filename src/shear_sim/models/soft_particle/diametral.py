@@ -34,6 +34,7 @@ class Diametral(Scenario):
             [Wall(0.0, 1.0, place), Wall(0.0, -1.0, place)],
             stiffness=self.unit.stiffness,
             friction=model.friction,
+            tangential=model.tangential_ratio * self.unit.stiffness,
             contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
         )

@@ -203,6 +203,15 @@ class SoftParticle(Section):
     contact_stiffness: Annotated[
         float, Field(gt=0, le=1000, description="k_n / (k_b/ℓ²) of the shell; SP.6")
     ] = 10.0
+    tangential_ratio: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1,
+            exclude_if=lambda value: value == 1,
+            description="k_t / k_n of contacts, k_t also at walls; SP.7",
+        ),
+    ] = 1.0
     damping: Annotated[
         float,
         Field(ge=0, le=1, description="of bars and hinges, fraction of critical; ours"),

@@ -38,6 +38,7 @@ class Suspension(Scenario):
             bodies,
             stiffness=self.unit.stiffness,
             friction=model.friction,
+            tangential=model.tangential_ratio * self.unit.stiffness,
             contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
             cell=(side, side),

@@ -122,11 +122,26 @@ class Run(NamedTuple):
         return np.interp(strain, self.table["compression"][:top], self.table[name][:top])
 
 
-def compress(strain: float, rate: float, rows: int, *, unload: bool = False, **model: float) -> Run:
+def touching_onset(vertices: int) -> tuple[float, float]:
+    """Return ε where the length that touches begins, a line, and its slope.
+
+    A segment or two more touch than lie between the loads, so the onset is early by 1.7/N.
+    """
+    run = compress(0.45, 0.02, 90, vertices=vertices)
+    e, ratio = run.table["compression"], run.table["contact_ratio"]
+    use = ratio > 4.5 * np.sin(np.pi / vertices)
+    slope, offset = np.polyfit(e[use], ratio[use], 1)
+    return -offset / slope, slope
+
+
+def compress(
+    strain: float, rate: float, rows: int, *, unload: bool = False, vertices: int = VERTICES,
+    **model: float,
+) -> Run:  # fmt: skip
     """Press a ring; ``model`` may say its thickness [R], else `THICKNESS`."""
     point = SoftParticlePoint.model_validate(
         {
-            "packing": {"vertices": VERTICES},
+            "packing": {"vertices": vertices},
             "model": {"thickness": THICKNESS, "core": "elastic"} | model,
             "shear": {"compression": strain, "relative_rate": rate, "unload": unload},
             "record": {"rows": rows},

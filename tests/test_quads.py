@@ -53,6 +53,7 @@ def test_quads_are_combined_number_by_number() -> None:
 
 
 def test_no_number_of_a_quad_goes_through_memory_by_itself() -> None:
+    turned(np.zeros(16), 0, np.zeros(16))
     code = turned.inspect_llvm(turned.signatures[0])
     assert code.count("load <4 x double>") == 4
     assert code.count("store <4 x double>") == 4

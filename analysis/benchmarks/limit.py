@@ -3,8 +3,10 @@
 .venv/bin/python analysis/benchmarks/limit.py
 
 Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and rows of four
-numbers whose differences are taken, and that are added to, where pairs meet discs. Per disc: every
-array once through memory. Counts are those of our method; another method has others.
+numbers whose differences are taken, and that are added to, where pairs meet discs. A processor can
+do these three at the same time: the longest of them is the least time. One after the other is what
+loops of their own, as ours, take if they never wait. Per disc: every array once through memory.
+Counts are those of our method; another method has others.
 """
 
 import argparse
@@ -20,14 +22,15 @@ from shear_sim.quads import add, load, store, subtract, zeros_in_lines
 
 FloatArray = NDArray[np.float64]
 
-# Of the force on a pair, counted in the machine code of `pair_forces`; and 6.5 operations on four
-# numbers that turn rows into columns and back.
-DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73 + 26
+# Of the force on a pair, counted in the machine code of `pair_forces`: sums, products and extremes,
+# then comparisons, selections and signs; and 6.5 operations on four numbers that turn rows into
+# columns and back.
+DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73 + 17 + 26
 # Rows of four of a pair and its discs: differences, and rows that a force is added to.
 DIFFERENCES, SUMS = 2, 2
-# Bytes that a step reads and writes: of a pair its table (10 numbers, 5 of them written too, and
-# two indices), of a disc 36 numbers, 22 of them written too.
-PAIR_BYTES, DISC_BYTES = 8 * 15 + 8, 8 * 58
+# Bytes that a step goes through: of a pair its table (10 numbers) and two indices, of a disc 35
+# numbers. What is written goes both ways: 5 of the table, 29 of a disc.
+PAIR_BYTES, PAIR_WRITTEN, DISC_BYTES, DISC_WRITTEN = 8 * 10 + 8, 8 * 5, 8 * 35, 8 * 29
 REPEATS = 15
 
 
@@ -37,7 +40,7 @@ class Machine(NamedTuple):
     division: float
     root: float
     operation: float
-    store: float  # by itself
+    store: float  # by itself: soft particles do that
     difference: float
     sum: float
     sizes: FloatArray  # of what is read and written again and again [bytes]
@@ -132,7 +135,7 @@ def measure() -> Machine:
     return Machine(
         division=each(_divide),
         root=each(_root),
-        operation=each(_multiply_and_add) / 15,
+        operation=each(_multiply_and_add) / 16,
         store=_fastest(lambda: _scatter(index, values, rows)) / len(index),
         difference=_fastest(lambda: _difference(index, rows, between)) / (len(index) // 2),
         sum=_fastest(lambda: _sum(index, rows, four)) / len(index),
@@ -141,21 +144,23 @@ def measure() -> Machine:
     )
 
 
-def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, float]:
-    """Return the least time of a step per disc [s]: of its instructions, and of its memory.
+def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, float, float]:
+    """Return times of a step per disc [s]: the least one, one thing after the other, and memory's.
 
     Parameters
     ----------
     pairs : float
         Pairs per disc whose forces are worked out.
     """
-    arithmetic = DIVISIONS * machine.division + ROOTS * machine.root
-    arithmetic += (
-        OPERATIONS * machine.operation + DIFFERENCES * machine.difference + SUMS * machine.sum
+    parts = (
+        DIVISIONS * machine.division + ROOTS * machine.root,
+        OPERATIONS * machine.operation,
+        DIFFERENCES * machine.difference + SUMS * machine.sum,
     )
-    size = PAIR_BYTES * pairs + DISC_BYTES
-    byte = float(np.interp(np.log(discs * size), np.log(machine.sizes), machine.byte))
-    return pairs * arithmetic, size * byte
+    size = discs * (PAIR_BYTES * pairs + DISC_BYTES)
+    byte = float(np.interp(np.log(size), np.log(machine.sizes), machine.byte))
+    moved = (PAIR_BYTES + PAIR_WRITTEN) * pairs + DISC_BYTES + DISC_WRITTEN
+    return pairs * max(parts), pairs * sum(parts), moved * byte
 
 
 if __name__ == "__main__":
@@ -166,7 +171,8 @@ if __name__ == "__main__":
     for size, byte in zip(found.sizes, found.byte, strict=True):
         print(f"{size / 2**20:8.3f} MB {1e-9 / byte:6.1f} GB/s")
     for discs in (150, 1024, 16384, 100_000):
-        instructions, memory = step_limit(found, discs, 3.3)
+        least, in_turn, memory = (1e9 * t for t in step_limit(found, discs, 3.3))
         print(
-            f"{discs:7d} discs {instructions * 1e9:5.1f} ns a disc, memory {memory * 1e9:5.1f} ns"
+            f"{discs:7d} discs {least:5.1f} ns a disc, one after the other {in_turn:5.1f} ns, "
+            f"memory {memory:5.1f} ns"
         )

@@ -30,7 +30,7 @@ FILM_DISC = 7.0  # pixels of a disc in a film, which is drawn larger where they 
 FILM_LARGER = 2.0  # times at most
 FILM_COLOURS = 128  # fewer make smaller files
 FRAME_MS = 50  # of a film
-STEEP = 50.0  # times the median: what would flatten the rest of a curve
+STEEP = 20.0  # times the median: what would flatten the rest of a curve
 
 
 class Kept(NamedTuple):

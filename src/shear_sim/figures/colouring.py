@@ -20,9 +20,9 @@ _FIXED = "#9a9a9a"
 _FULL = 98.0  # percentile that takes the end of a colour scale
 _IMPULSIVE = 3.0  # times more than in all others: the first snapshot has no part in the scale
 _TITLES = {
-    "pressure": "pressure of a particle",
+    "pressure": "pressure\nof a particle",
     "spin": "spin",
-    "speed": "speed, with the flow",
+    "speed": "speed,\nwith the flow",
     "displacement": "non-affine displacement\n[mean diameters]",
     "energy": "elastic energy\nof a particle",
 }

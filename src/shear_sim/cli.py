@@ -387,8 +387,8 @@ def render(
     mean. Images of the cell are dimmed, and held particles grey. Speeds are whole, with the flow;
     displacements beside the affine flow, since the first snapshot. A colour scale is pointed at an
     end beyond which there are values. Colours and widths of a film mean the same in all of its
-    frames, those of a picture are scaled by its snapshot alone. Films of small discs are drawn
-    larger.
+    frames (widths up to twice the usual load; no frame is drawn as more), those of a picture are
+    scaled by its snapshot alone. Films of small discs are drawn larger.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
     shear-sim render 3f9c21 --time 0.002 --contacts force --out forces.pdf

@@ -58,7 +58,7 @@ class Scene:
         Where to draw; its place in the figure should be settled, as lines are as thick as
         particles are large.
     snapshots : sequence of Snapshot
-        Of one job: colours and widths mean the same in all of them.
+        Of one job: colours mean the same in all of them, and widths up to twice the usual load.
     gradient : (len(snapshots), 2, 2)
         Imposed deformation gradient at each.
     colour : Colour or str

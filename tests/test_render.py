@@ -2,6 +2,7 @@
 
 import errno
 import math
+from types import SimpleNamespace
 
 import gsd.hoomd
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
-from shear_sim import render
+from shear_sim import cli, render
 from shear_sim.cli import app
 from shear_sim.figures.geometry import (
     displacement,
@@ -220,10 +221,12 @@ def test_the_cell_is_drawn_with_its_images():
 def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
     """Edges and states of contacts where discs are 7 points and more across.
 
-    Else the colours of linked particles, or the strongest fifth of the forces where there are none.
+    Else the colours of linked particles, or forces above their mean where there are none. There
+    the cell is seen with two rows of its images and more.
     """
     s = many(count)
     s = s._replace(normal=np.linspace(0, 2, len(s.i)))
+    assert view([s])[0] < -(1.4 * 0.7 if edges else 4 * 0.7) + 1e-9
     if linked:
         s = s._replace(kind=np.where(np.arange(len(s.i)) % 2, LINK, CONTACT).astype(np.int8))
     drawn = scene([s])
@@ -237,7 +240,7 @@ def test_few_and_many_discs_are_legible(count, edges, linked, contacts):
     if contacts == "none":
         assert lines == 0
     elif contacts == "force":
-        assert len(s.i) / 5 < lines < 0.3 * len(s.i)  # with those of images
+        assert 0.45 * len(s.i) < lines < 0.65 * len(s.i)  # with those of images
 
 
 @pytest.mark.parametrize(
@@ -263,22 +266,53 @@ def test_lines_are_as_wide_as_forces_are_strong():
     assert len({tuple(c) for c in forces.get_color()}) == 2  # it pushes, or it pulls
 
 
-def test_what_is_as_good_as_unloaded_has_no_chains():
-    """Widths go by the mean of each snapshot, but for one with a millionth of the largest mean."""
+def test_widths_of_a_film_go_by_its_usual_load():
+    """The same width is the same force in all snapshots but those of more than twice the load.
+
+    One with a millionth of the load has no chains, and no part in what is usual; where discs jam
+    the chains of a thousand times the load are to be told apart.
+    """
     place = [[2, 2], [3, 2], [4, 2]]
-    loaded = snapshot(place, 0.5, [(0, 1), (1, 2)])._replace(normal=np.array([1.0, 3.0]))
-    less = loaded._replace(normal=0.1 * loaded.normal)
-    drawn = scene([loaded, less, loaded._replace(normal=1e-6 * loaded.normal)], contacts="force")
-    widths, lines = [], []
-    for number in range(3):
+    usual = snapshot(place, 0.5, [(0, 1), (1, 2)])._replace(normal=np.array([0.4, 1.2]))
+    loads = [1.0, 1.0, 0.5, 1.5, 10.0, 1e-6]
+    film = [usual._replace(normal=load * usual.normal) for load in loads]
+
+    def widths(drawn, number):
         drawn.show(number)
-        widths.append(np.sort(drawn.artists[3].get_linewidth()))
-        lines.append(len(drawn.artists[3].get_paths()))
-    assert widths[1] == pytest.approx(widths[0])
-    assert lines == [2, 2, 0]
+        return np.sort(drawn.artists[3].get_linewidth())
+
+    drawn = scene(film, contacts="force")
+    first = widths(drawn, 0)
+    assert first[1] == pytest.approx(3 * first[0])
+    for number in (1, 2, 3):
+        assert widths(drawn, number) == pytest.approx(loads[number] * first)
+    assert widths(drawn, 4)[0] == pytest.approx(2 * first[0])  # the other is as wide as any gets
+    assert widths(drawn, 4)[0] < widths(drawn, 4)[1]
+    drawn.show(5)
+    assert len(drawn.artists[3].get_paths()) == 0
+    # Alone, each has the widths of its own forces.
+    for number in range(6):
+        alone = scene(film, contacts="force", only=number)
+        assert widths(alone, number) == pytest.approx(first)
 
 
-@pytest.mark.parametrize(("every", "share"), [(4, 1.0), (1, 0.2)])
+def test_colours_of_one_snapshot_are_scaled_by_it_alone():
+    """Displacements are from the first snapshot all the same."""
+    s = many(80)
+    spin = np.linspace(-1, 1, 80)
+    film = [s._replace(spin=spin), s._replace(spin=1e-3 * spin)]
+    film[1] = film[1]._replace(position=s.position + np.linspace(0, 0.5, 80)[:, None])
+    (low, high), _ = ends(film, colour="spin")
+    assert -low == high > 0.9
+    (low, high), _ = ends(film, colour="spin", only=1)
+    assert -low == high == pytest.approx(1e-3, rel=0.05)
+    (_, all_of_it), _ = ends(film, colour="displacement")
+    (_, high), _ = ends(film, colour="displacement", only=1)
+    assert high == pytest.approx(all_of_it, rel=0.1)
+    assert high > 0.1
+
+
+@pytest.mark.parametrize(("every", "share"), [(4, 1.0), (1, 0.5)])
 def test_forces_are_all_drawn_where_each_has_room(every, share):
     """Discs of the same size in the picture, with few contacts and with four times as many."""
     s = many(4500)
@@ -288,12 +322,24 @@ def test_forces_are_all_drawn_where_each_has_room(every, share):
     drawn = scene([s], contacts="force")
     drawn.show(0)
     lines = len(drawn.artists[3].get_paths())
-    assert share <= lines / len(s.i) < 1.2 * share  # with those of images
+    assert share <= lines / len(s.i) < 1.45 * share  # with those of images
 
 
 def legend(drawn):
     found = drawn.legend(drawn.axis)
     return [text.get_text() for text in found.get_texts()] if found else []
+
+
+def test_many_forces_are_drawn_above_their_mean():
+    """By as much as they are: half as far above it, half as wide."""
+    s = many(4500)
+    forces = np.resize([0.5, 1.25, 1.5, 0.5, 1.25], len(s.i))  # their mean is 1
+    drawn = scene([s._replace(normal=forces)], contacts="force")
+    drawn.show(0)
+    widths = np.unique(np.round(drawn.artists[3].get_linewidth(), 9))
+    assert len(widths) == 2
+    assert widths[1] / widths[0] == pytest.approx(2, rel=0.02)
+    assert legend(drawn) == ["push; width as force\nabove the mean"]
 
 
 def test_the_legend_says_what_is_drawn():
@@ -584,8 +630,11 @@ def boxes(figure):
     return np.array(found)
 
 
-@pytest.mark.parametrize("large", [1.0, 1e4])
-def test_no_letters_lie_on_others_or_on_the_particles(jobs, large):
+@pytest.mark.parametrize(
+    ("large", "colour"),
+    [(1.0, "displacement"), (1e4, "displacement"), (1.0, "pressure"), (1.0, "speed")],
+)
+def test_no_letters_lie_on_others_or_on_the_particles(jobs, large, colour):
     """Of a gel with all four kinds of contacts, the title of whose scale has two lines."""
     kept = render.read_kept(jobs["kept"])
     kinds = np.arange(len(kept.snapshots[1].i)) % 3
@@ -594,7 +643,7 @@ def test_no_letters_lie_on_others_or_on_the_particles(jobs, large):
     columns = {name: -large * values if "stress" in name else values
                for name, values in table.columns.items()}  # fmt: skip
     kept = kept._replace(snapshots=mixed, table=table._replace(columns=columns))
-    with render._stage(kept, "displacement", "state") as stage:
+    with render._stage(kept, colour, "state") as stage:
         stage.show(1)
         found = boxes(stage.figure)
         room = stage.scene.axis.get_window_extent().x1
@@ -661,13 +710,12 @@ def test_a_film_has_a_frame_for_each_snapshot(jobs, tmp_path):
 
 
 def test_a_frame_shows_what_a_picture_shows(jobs, tmp_path):
-    """Blitting leaves nothing behind: the last frame is a picture drawn at once."""
+    """Blitting leaves nothing behind: the last frame is as where it is drawn first."""
     kept = render.read_kept(jobs["kept"])
     render.write_film(kept, tmp_path / "film.gif")
-    one = kept._replace(snapshots=[kept.snapshots[0], kept.snapshots[-1]])
-    render.write_film(one, tmp_path / "short.gif")
+    render.write_film(kept._replace(snapshots=kept.snapshots[::-1]), tmp_path / "back.gif")
     frames = []
-    for name, number in (("film", 4), ("short", 1)):
+    for name, number in (("film", 4), ("back", 0)):
         with Image.open(tmp_path / f"{name}.gif") as image:
             image.seek(number)
             frames.append(np.asarray(image.convert("RGB"), int))
@@ -699,6 +747,87 @@ def test_a_folder_is_no_picture(jobs, tmp_path):
         assert "this is a folder" in " ".join(shown.stderr.replace("│", " ").split())
 
 
+def test_no_way_to_write_there_is_bad_input(jobs, tmp_path, monkeypatch):
+    def refused(descriptor):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("os.fsync", refused)
+    for name in ("kept.png", "kept.gif"):
+        film = ["--film"] if name.endswith("gif") else []
+        shown = call(jobs, jobs["kept"], "--out", tmp_path / name, *film)
+        assert isinstance(shown.exception, ResultsError)  # which `main` says, with exit code 2
+        assert "cannot be written there (Permission denied): another --out" in str(shown.exception)
+
+
+def test_the_shell_completes_jobs_that_can_be_drawn(jobs, tmp_path):
+    """Not the one that has kept no snapshots."""
+    context = SimpleNamespace(params={"results": jobs["kept"].parents[2]})
+    assert cli._drawable_jobs(context, "") == [jobs["kept"].stem]
+    assert len(cli._known_jobs(context, "")) == 2
+    assert cli._drawable_jobs(context, "no") == []
+
+
+def test_a_film_of_ten_thousand_discs_is_drawn_larger(jobs, tmp_path):
+    """Seven pixels a disc, or twice as large as a film of few; with their colours, not edges."""
+    kept = render.read_kept(jobs["kept"])
+    large = [many(10_000)._replace(row=0), many(10_000)._replace(row=1)]
+    sizes, pixels = [], []
+    for name, film in (("few", kept), ("many", kept._replace(snapshots=large))):
+        render.write_film(film, tmp_path / f"{name}.gif", contacts="none")
+        with Image.open(tmp_path / f"{name}.gif") as image:
+            sizes.append(image.width)
+        with render._stage(film, "particle", None) as stage:
+            scale = sizes[-1] / stage.figure.get_size_inches()[0] / 72
+            pixels.append(stage.scene.diameter * scale)
+    assert pixels[0] > 7
+    assert sizes[1] > 1.4 * sizes[0]
+    assert pixels[1] > 6
+
+
+def test_what_falls_has_an_arrow_of_its_weight():
+    """As it is driven: by sin α along x, cos α downwards; within the cell."""
+    s = many(60)
+    drawn = scene([s])
+    before = len(drawn.artists)
+    drawn.draw_weight(30.0)
+    ground, arrow, letter = drawn.artists[before:]
+    start, end = arrow._posA_posB
+    assert (end - start) / np.hypot(*(end - start)) == pytest.approx([0.5, -math.sqrt(0.75)])
+    for at in (start, end, ground.center, letter.get_position()):
+        assert 0 < at[0] < s.width
+        assert 0 < at[1] < s.height
+
+
+@pytest.mark.parametrize("largest", [16.0, 25.0])
+def test_a_peak_does_not_flatten_all_else(largest):
+    """An axis is logarithmic where the largest value is more than twenty times the median."""
+    axis = Figure().add_axes((0, 0, 1, 1))
+    render._bring_near(axis, np.array([0.0, 1.0, -1.0, 1.0, largest]))
+    assert axis.get_yscale() == ("symlog" if largest > 20 else "linear")
+
+
+def test_stages_are_drawn_against_time(jobs):
+    """Their strain goes back, or stands still."""
+    kept = render.read_kept(jobs["kept"])
+    summary = kept.table.summary
+    stages = summary | {"protocol": summary["protocol"] | {"kind": "stages"}}
+    kept = kept._replace(table=kept.table._replace(summary=stages))
+    curves, (label, against) = render._curves(kept)
+    assert label == "time [s]"
+    assert np.array_equal(against, kept.table.columns["time"])
+    assert curves[0][1] == "strain"
+    assert np.array_equal(curves[0][0], kept.table.columns["strain"])
+
+
+def test_a_moment_is_said_as_on_the_axis(jobs):
+    kept = render.read_kept(jobs["kept"])
+    summary = kept.table.summary
+    protocol = summary["protocol"] | {"period": 0.1, "shear_start": 0.05}
+    swinging = kept._replace(table=kept.table._replace(summary=summary | {"protocol": protocol}))
+    assert render.moment(kept, 4) == "t = 0.2 s"
+    assert render.moment(swinging, 4) == "t = 0.2 s, t / period = 1.5"
+
+
 def test_the_snapshot_nearest_to_a_time(jobs):
     kept = render.read_kept(jobs["kept"])
     assert [render.nearest(kept, time) for time in (0, 0.06, 0.09, 0.2)] == [0, 1, 2, 4]
@@ -724,8 +853,8 @@ def test_a_time_outside_of_the_run_is_refused(jobs, time):
         ("none", [], "has kept no snapshots: add `record: {snapshots: 20}`"),
         ("kept", ["--snapshot", 5], "no snapshot 5: there are 5, from 0 to 4"),
         ("kept", ["--snapshot", 1, "--film"], "give one of them"),
-        ("kept", ["--out", "x.gif"], "must end with .png or .pdf"),
-        ("kept", ["--film", "--out", "x.png"], "must end with .gif"),
+        ("kept", ["--out", "x.gif"], "must end with .png or .pdf, or .gif with --film"),
+        ("kept", ["--film", "--out", "x.png"], "must end with .gif with --film, and with .png or"),
         ("kept", ["--film", "--out", "none/x.gif"], "there is no folder none: make it first"),
     ],
 )

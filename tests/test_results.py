@@ -222,7 +222,11 @@ def test_jobs_are_found_by_file_or_unique_prefix(results, tmp_path):
     assert find_job("ab", root) == expected
     assert find_job(str(expected), root) == expected
     assert find_job("f", root) == results.failed / f"{'f' * 16}.json"
-    with pytest.raises(ResultsError, match=r"2 jobs .* begin so"):
+    with pytest.raises(ResultsError, match=rf"2 jobs .* begin so \({'ab' * 8}, {'ac' * 8}\);"):
+        find_job("a", root)
+    for third in "345":
+        write_job(results, f"a{third}" * 8)
+    with pytest.raises(ResultsError, match=r"5 jobs .* begin so \((\w{16}, ){4}\.\.\.\);"):
         find_job("a", root)
     for wrong in ("0", "", "*", "xyz", "no/such/file.parquet"):
         with pytest.raises(ResultsError, match="no such file"):

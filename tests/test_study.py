@@ -607,6 +607,7 @@ def test_a_narrow_cell_is_refused_with_numbers_and_what_to_change():
         ("model: {young_modulus: .inf}", "must be a finite number"),
         ("model: {young_modulus: 1" + "0" * 400 + "}", "must be a number"),
         ("packing: {young_modulus: 3}", "did you mean model.young_modulus?"),
+        ("model: {kind: hard_disc, friction: 0.1}", "friction = 0.1: unknown key: known are kind,"),
         (
             "record: {columns: [time, strain, time]}",
             "record.columns[2] = time: time is named twice",

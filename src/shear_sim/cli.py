@@ -64,6 +64,12 @@ def _known_jobs(context: typer.Context, incomplete: str) -> list[str]:
     return sorted(path.stem for path in found)
 
 
+def _drawable_jobs(context: typer.Context, incomplete: str) -> list[str]:
+    """Return those of them that have snapshots."""
+    root = Path(context.params.get("results") or RESULTS)
+    return sorted(path.stem for path in root.glob(f"*/snapshots/{incomplete}*.gsd"))
+
+
 JobName = Annotated[
     str,
     typer.Argument(
@@ -345,14 +351,19 @@ def show(
 
 @app.command()
 def render(
-    job: JobName,
+    job: Annotated[
+        str,
+        typer.Argument(
+            metavar="JOB", help="Result file, or begin of a job id.", autocompletion=_drawable_jobs
+        ),
+    ],
     results: Root = RESULTS,
     snapshot: Annotated[
         int | None, typer.Option(metavar="I", help="Which one, from 0; -1, the last, by default.")
     ] = None,
     time: Annotated[
         float | None,
-        typer.Option(metavar="SECONDS", help="The one made nearest to this time."),
+        typer.Option(metavar="SECONDS", help="The one made nearest to this time; it is named."),
     ] = None,
     film: Annotated[bool, typer.Option("--film", help="All of them, as an animated GIF.")] = False,
     colour: Annotated[
@@ -371,10 +382,13 @@ def render(
 
     Particles and contacts, with strain and stress beside them, of jobs whose study says `record:
     {snapshots: N}`. Links are blue with an orange interface, interfaces that hold are red, those
-    that slide green. Forces are as wide as they are strong beside the mean of their snapshot; where
-    they are too many to be told apart only the strongest fifth is drawn. Images of the cell are
-    dimmed, and held particles grey. Displacements are beside the affine flow, since the first
-    snapshot. A colour scale is pointed at an end beyond which there are values.
+    that slide green. Lines of forces are as wide as they are strong, of pushes red (black over a
+    colour scale), of pulls blue; where they are too many to be told apart, as they are above the
+    mean. Images of the cell are dimmed, and held particles grey. Speeds are whole, with the flow;
+    displacements beside the affine flow, since the first snapshot. A colour scale is pointed at an
+    end beyond which there are values. Colours and widths of a film mean the same in all of its
+    frames (widths up to twice the usual load; no frame is drawn as more), those of a picture are
+    scaled by its snapshot alone. Films of small discs are drawn larger.
 
     Examples: shear-sim render 3f9c21; shear-sim render 3f9c21 --film --colour pressure;
     shear-sim render 3f9c21 --time 0.002 --contacts force --out forces.pdf
@@ -388,6 +402,7 @@ def render(
         raise typer.BadParameter(msg)
     if out is not None and out.suffix not in suffixes:
         msg = f"--out {out}: the name must end with {' or '.join(suffixes)}"
+        msg += " with --film, and with .png or .pdf without" if film else ", or .gif with --film"
         raise typer.BadParameter(msg)
     if out is not None and not out.parent.is_dir():
         msg = f"--out {out}: there is no folder {out.parent}: make it first"

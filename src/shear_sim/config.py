@@ -192,7 +192,7 @@ def _unknown(
     elsewhere = [path for path in every if path.rsplit(".", 1)[-1] == name]
     if not elsewhere:
         last = {path.rsplit(".", 1)[-1]: path for path in every}
-        elsewhere = [last[match] for match in difflib.get_close_matches(name, last, n=1)]
+        elsewhere = [last[m] for m in difflib.get_close_matches(name, last, n=1, cutoff=_LIKE)]
     if elsewhere:
         return f"unknown key: did you mean {' or '.join(dict.fromkeys(elsewhere))}?"
     if not known:
@@ -215,6 +215,8 @@ def one_of(value: object, known: Sequence[str]) -> str:
     close = difflib.get_close_matches(str(value), known, n=1)
     return f"must be one of {', '.join(known)}" + (f"; did you mean {close[0]}?" if close else "")
 
+
+_LIKE = 0.7  # how alike keys of two sections must be, 1 for the same, to take one for the other
 
 _MUST_BE = {
     "float_type": "must be a number",

@@ -18,6 +18,7 @@ from shear_sim.snapshots import beside, clusters, read_snapshots
 from shear_sim.tables import Table, write_whole
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
@@ -25,8 +26,11 @@ FloatArray = NDArray[np.float64]
 
 WIDTH, PANEL = style.DOUBLE, 2.35  # inches: of the figure, and of the curves in it
 FILM_DPI = 80
+FILM_DISC = 7.0  # pixels of a disc in a film, which is drawn larger where they are smaller
+FILM_LARGER = 2.0  # times at most
 FILM_COLOURS = 128  # fewer make smaller files
 FRAME_MS = 50  # of a film
+STEEP = 20.0  # times the median: what would flatten the rest of a curve
 
 
 class Kept(NamedTuple):
@@ -117,10 +121,22 @@ def nearest(kept: Kept, time: float) -> int:
     return int(np.abs(made[[s.row for s in kept.snapshots]] - time).argmin())
 
 
+def moment(kept: Kept, number: int) -> str:
+    """Return when a snapshot was made, as the axes of its picture say it too."""
+    time = float(kept.table.columns["time"][kept.snapshots[number].row])
+    protocol = kept.table.summary["protocol"]
+    said = f"t = {time:.4g} s"
+    if "period" in protocol:
+        said += f", t / period = {(time - protocol['shear_start']) / protocol['period']:.4g}"
+    return said
+
+
 def write_picture(
     kept: Kept, path: Path, number: int = -1, colour: str = "particle", contacts: str | None = None
 ) -> str:
     """Write the picture of one snapshot, a PNG or PDF by its name.
+
+    Its colours and widths are scaled by this snapshot alone.
 
     Parameters
     ----------
@@ -140,7 +156,8 @@ def write_picture(
     Raises
     ------
     ResultsError
-        If there is no snapshot of this number, or nothing that ``colour`` means.
+        If there is no snapshot of this number, nothing that ``colour`` means, or no way to write
+        a file there.
     OSError
         If the file cannot be written; what was there before stays.
     """
@@ -149,12 +166,11 @@ def write_picture(
         msg = f"{kept.path}: no snapshot {number}: there are {count}, from 0 to {count - 1}"
         raise ResultsError(msg)
     _check_colour(kept, colour)
-    with _stage(kept, colour, contacts) as stage:
+    with _stage(kept, colour, contacts, number % count) as stage:
         stage.show(number % count)
         with _naming(path):
             style.save_as(stage.figure, path)
-    time = kept.table.columns["time"][kept.snapshots[number].row]
-    return f"snapshot {number % count}, t = {time:.4g} s"
+    return f"snapshot {number % count}, {moment(kept, number)}"
 
 
 def write_film(
@@ -170,7 +186,7 @@ def write_film(
     Raises
     ------
     ResultsError
-        If there is nothing that ``colour`` means.
+        If there is nothing that ``colour`` means, or no way to write a file there.
     OSError
         If the file cannot be written; what was there before stays.
     """
@@ -179,7 +195,8 @@ def write_film(
 
     _check_colour(kept, colour)
     with _stage(kept, colour, contacts) as stage:
-        stage.figure.set_dpi(FILM_DPI)
+        larger = FILM_DISC * 72 / (FILM_DPI * stage.scene.diameter)
+        stage.figure.set_dpi(FILM_DPI * min(max(larger, 1.0), FILM_LARGER))
         canvas = FigureCanvasAgg(stage.figure)
         moving = (*stage.scene.artists, *stage.points)
         for artist in moving:
@@ -210,6 +227,9 @@ def _naming(path: Path) -> Iterator[None]:
     """Name the file that cannot be written."""
     try:
         yield
+    except (FileNotFoundError, PermissionError) as error:
+        msg = f"{path}: cannot be written there ({error.strerror}): another --out"
+        raise ResultsError(msg) from error
     except OSError as error:
         msg = f"{path}: cannot be written ({error.strerror or error})"
         raise OSError(msg) from error
@@ -238,12 +258,15 @@ def _check_colour(kept: Kept, colour: str) -> None:
 class _Stage:
     """A figure with a scene, and curves with a point that moves."""
 
-    def __init__(self, kept: Kept, colour: str, contacts: str | None, figure: "Figure") -> None:
+    def __init__(
+        self, kept: Kept, colour: str, contacts: str | None, only: int | None, figure: "Figure"
+    ) -> None:
         self.kept, self.figure = kept, figure
         across, down = (float(a) for a in figure.get_size_inches())
         room = across - PANEL
         axis = figure.add_axes((0.0, 0.0, room / across, 1.0))
-        self.scene = Scene(axis, kept.snapshots, kept.gradient, colour, contacts)
+        self.scene = Scene(axis, kept.snapshots, kept.gradient, colour, contacts, only)
+        show_weight(kept, self.scene)
         left, wide = (room + 0.7) / across, (PANEL - 0.82) / across
         curves, label = _curves(kept)
         foot, top, gap = 2.0 if self.scene.colours.scaled else 1.3, 0.16, 0.16
@@ -255,6 +278,7 @@ class _Stage:
             bottom = down - top - (place + 1) * each - place * gap
             axis = figure.add_axes((left, bottom / down, wide, each / down))
             axis.plot(label[1], values, color=style.GREY, linewidth=0.8)
+            _bring_near(axis, values)
             axis.set_ylabel(name)
             middle = (bottom + each / 2) / down
             axis.yaxis.set_label_coords((room + 0.22) / across, middle, figure.transFigure)
@@ -271,7 +295,7 @@ class _Stage:
         if self.scene.colours.scaled:
             bar = figure.add_axes((left, 1.34 / down, wide, 0.1 / down))
             bar.set_label("<colorbar>")
-            self.scene.colours.bar(bar, _unit(kept, colour))
+            self.scene.colours.bar(bar, unit(kept, colour))
 
     def show(self, number: int) -> None:
         self.scene.show(number)
@@ -280,16 +304,28 @@ class _Stage:
             point.set_data([self._x[row]], [values[row]])
 
 
+def _bring_near(axis: "Axes", values: FloatArray) -> None:
+    """Make an axis logarithmic where the largest of its values would leave nothing of the others.
+
+    As where discs jam. It is linear up to what is usual.
+    """
+    size = np.abs(values[values != 0])
+    if len(size) and size.max() > STEEP * (usual := float(np.median(size))):
+        axis.set_yscale("symlog", linthresh=10.0 ** np.ceil(np.log10(usual)))
+
+
 @contextmanager
-def _stage(kept: Kept, colour: str, contacts: str | None) -> Iterator[_Stage]:
+def _stage(
+    kept: Kept, colour: str, contacts: str | None, only: int | None = None
+) -> Iterator[_Stage]:
     first = kept.snapshots[0]
-    *_, width, height = view(kept.snapshots)
+    *_, width, height = view(kept.snapshots if only is None else [kept.snapshots[only]])
     shape = height / width
     high = min(max((WIDTH - PANEL) * shape, 3.2), 6.0)
     wide = min(WIDTH, PANEL + high / shape) if first.periodic else WIDTH
     with style.figure(wide, high) as figure:
         figure.set_layout_engine("none")
-        yield _Stage(kept, colour, contacts, figure)
+        yield _Stage(kept, colour, contacts, only, figure)
 
 
 def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatArray]]:
@@ -325,6 +361,8 @@ def _curves(kept: Kept) -> tuple[list[tuple[FloatArray, str]], tuple[str, FloatA
     pressure = _first_of(
         columns, scaled_pressure=f"pressure $p\\xi_0{rate}$", pressure="pressure [Pa]"
     )
+    if protocol["kind"] == "stages":  # in which the strain goes back, or stands still
+        return [(strain, "strain"), *stress, *pressure], ("time [s]", columns["time"])
     if _strained(kept):
         return [*stress, *pressure], ("strain", strain)
     density = columns.get("packing_fraction")
@@ -336,7 +374,14 @@ def _strained(kept: Kept) -> bool:
     return bool(np.ptp(kept.table.columns["strain"]) > 0)
 
 
-def _unit(kept: Kept, colour: str) -> str:
+def show_weight(kept: Kept, scene: Scene) -> None:
+    """Show in a scene which way things fall, where they do."""
+    if kept.table.summary["protocol"]["kind"] == "body_force":
+        scene.draw_weight(kept.table.summary["parameters"]["shear"]["inclination"])
+
+
+def unit(kept: Kept, colour: str) -> str:
+    """Return the unit of what particles are coloured by; empty where it needs none."""
     if "scaled_pressure" in kept.table.columns:  # hard discs: of their path, not of the time
         pressure = "$\\dot\\gamma/\\xi_0$" if _strained(kept) else "$1/\\xi_0\\tau$"
         units = {"speed": "λ/path", "pressure": pressure}

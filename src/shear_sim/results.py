@@ -602,9 +602,9 @@ def find_job(reference: str, root: Path) -> Path:
         failed = sorted(root.glob(f"*/failed/{reference}*.json"))
         finished = {path.stem for path in found}
         found += [path for path in failed if path.stem not in finished]
-    if len({path.stem for path in found}) > 1:
-        first = ", ".join(path.stem for path in found[:4])
-        msg = f"{reference}: {len(found)} jobs in {root} begin so ({first}, ...); give more letters"
+    if len(names := sorted({path.stem for path in found})) > 1:
+        first = ", ".join(names[:4]) + ", ..." * (len(names) > 4)
+        msg = f"{reference}: {len(names)} jobs in {root} begin so ({first}); give more letters"
         raise ResultsError(msg)
     if not found:
         msg = (

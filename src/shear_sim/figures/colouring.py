@@ -1,6 +1,6 @@
 """What particles are coloured by: the body that they are of, or a number with its scale."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -20,9 +20,9 @@ _FIXED = "#9a9a9a"
 _FULL = 98.0  # percentile that takes the end of a colour scale
 _IMPULSIVE = 3.0  # times more than in all others: the first snapshot has no part in the scale
 _TITLES = {
-    "pressure": "pressure of a particle",
+    "pressure": "pressure\nof a particle",
     "spin": "spin",
-    "speed": "speed",
+    "speed": "speed,\nwith the flow",
     "displacement": "non-affine displacement\n[mean diameters]",
     "energy": "elastic energy\nof a particle",
 }
@@ -37,26 +37,29 @@ _MAPS = {
 
 
 class Colouring:
-    """Colours of the particles of a job, which mean the same in all of its snapshots.
+    """Colours of the particles of a job, which mean the same in all of these snapshots.
 
     Parameters
     ----------
-    particles : sequence of Snapshot
-    gradient : (len(particles), 2, 2)
-        Imposed deformation gradient at each.
+    particles : mapping of int to Snapshot
+        By their numbers.
+    first : Snapshot
+        Of the job: displacements are from there.
+    since : (n, 2, 2)
+        Deformation gradient imposed since then, of each number.
     colour : Colour
     tints : (N,)
         Colours of particles where they show no number.
     """
 
     def __init__(
-        self, particles: Sequence[Snapshot], gradient: FloatArray, colour: Colour,
-        tints: NDArray[np.str_],
+        self, particles: Mapping[int, Snapshot], first: Snapshot, since: FloatArray,
+        colour: Colour, tints: NDArray[np.str_],
     ) -> None:  # fmt: skip
         self.colour, self._tints = colour, tints
-        self._fixed = [s.fixed for s in particles]
-        self._values = _values(particles, gradient, colour)
-        self._scale = _limits(self._values, colour)
+        self._fixed = {n: s.fixed for n, s in particles.items()}
+        self._values = _values(particles, first, since, colour)
+        self._scale = _limits(list(self._values.values()), colour)
 
     @property
     def scaled(self) -> bool:
@@ -98,36 +101,34 @@ class Colouring:
         text = _TITLES[self.colour]
         # To the left: a power of ten may stand at the right.
         bar.set_label(text if "[" in text or not unit else f"{text} [{unit}]", loc="left")
-        bar.outline.set_visible(False)
+        bar.outline.set(linewidth=0.4, edgecolor="0.5")
 
     def _beyond(self) -> Literal["neither", "min", "max", "both"]:
         """Return at which ends of the scale there are values beyond."""
         low, high = self._scale
-        below = min(float(v.min()) for v in self._values) < low
-        above = max(float(v.max()) for v in self._values) > high
+        below = min(float(v.min()) for v in self._values.values()) < low
+        above = max(float(v.max()) for v in self._values.values()) > high
         if below and above:
             return "both"
         return "min" if below else "max" if above else "neither"
 
 
-def _values(particles: Sequence[Snapshot], gradient: FloatArray, colour: str) -> list[FloatArray]:
-    """Return what the particles (N,) are coloured by, snapshot by snapshot."""
-    first = particles[0]
-    if colour == "pressure":
-        return [particle_pressure(s) for s in particles]
-    if colour == "spin":
-        return [s.spin for s in particles]
-    if colour == "energy":
-        return [s.energy for s in particles if s.energy is not None]
-    if colour == "speed":
-        return [np.hypot(*s.velocity.T) for s in particles]
-    if colour == "displacement":
+def _values(
+    particles: Mapping[int, Snapshot], first: Snapshot, since: FloatArray, colour: Colour
+) -> dict[int, FloatArray]:
+    """Return what the particles (N,) are coloured by, by the number of the snapshot."""
+    if colour == Colour.displacement:
         size = 2 * float(first.radius.mean())
-        return [
-            np.hypot(*displacement(s, first, each @ np.linalg.inv(gradient[0])).T) / size
-            for s, each in zip(particles, gradient, strict=True)
-        ]
-    return []
+        return {
+            n: np.hypot(*displacement(s, first, since[n]).T) / size for n, s in particles.items()
+        }
+    value: Callable[[Snapshot], FloatArray] | None = {
+        Colour.pressure: particle_pressure,
+        Colour.spin: lambda s: s.spin,
+        Colour.energy: lambda s: s.energy,
+        Colour.speed: lambda s: np.hypot(*s.velocity.T),
+    }.get(colour)
+    return {n: value(s) for n, s in particles.items()} if value else {}
 
 
 def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from shear_sim.models.interface import BAR, COHESIVE, CONTACT, LINK, SLIDING, Sn
 from shear_sim.snapshots import clusters
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection
     from matplotlib.legend import Legend
@@ -32,16 +33,20 @@ _PUSH, _PUSH_ON_SCALE, _PULL = "#8c1016", "#20242a", "#0a5fa8"
 _KINDS = (_INTERFACE, _HOLDS, _SLIDES, _INTERFACE)  # of interfaces
 _DIMMED = 0.62  # of white in what lies outside of the cell
 _CORNERS = 36  # of a disc; half as many where it is small
-_SMALL = 7.0  # points: smaller discs have no edges, and contacts are drawn as forces
+_SMALL = 7.0  # points: of smaller discs contacts are drawn as forces
+_EDGELESS = 4.0  # points: smaller discs have no edges
 _LARGE = 16.0  # points: lines of forces grow no wider with larger discs
 _INTO_SHELL = 0.12  # of the picture: the longest line of a force on a single shell
 _ON_SHELL = 0.9  # points: its width
-_LEAST = 0.02  # of the largest mean: widths are beside this where the mean force is less
+_LOADED = 0.02  # of the largest mean force, from which a snapshot has a part in what is usual
+_TWICE = 2.0  # as wide as is usual: the mean force of a snapshot is drawn no wider
 _ROOM = 10.0  # points²: all forces would be too many where each has less of the picture
-_CHAINS = 0.2  # of the forces, the strongest: what is drawn there
-_OVER_COLOURS = 0.7  # width of forces where they lie on colours that are to be read
+_PALE, _PALER = 0.8, 0.5  # of the colours below forces; below forces that are too many
+_OVER_COLOURS = 0.6  # width of forces where they lie on colours that are to be read
+_WEIGHT = 11.0  # points: half of the arrow that shows which way things fall
 _THINNEST = 0.04  # points, of a line of a force
 _MARGIN = 0.7  # around the cell, in largest diameters
+_RIM = 0.06  # of the cell, where that is more
 
 
 class Scene:
@@ -53,7 +58,7 @@ class Scene:
         Where to draw; its place in the figure should be settled, as lines are as thick as
         particles are large.
     snapshots : sequence of Snapshot
-        Of one job: colours mean the same in all of them.
+        Of one job: colours mean the same in all of them, and widths up to twice the usual load.
     gradient : (len(snapshots), 2, 2)
         Imposed deformation gradient at each.
     colour : Colour or str
@@ -61,6 +66,8 @@ class Scene:
         ``displacement``: from the affine image of where it was in the first snapshot.
     contacts : Contacts or str, optional
         Default: what can be seen.
+    only : int, optional
+        Number of the one snapshot that is shown: colours and widths are then scaled by it alone.
 
     Raises
     ------
@@ -75,16 +82,16 @@ class Scene:
         gradient: FloatArray,
         colour: str = "particle",
         contacts: str | None = None,
+        only: int | None = None,
     ) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
 
         self.axis, self.snapshots = axis, snapshots
         self._shells = Shells(snapshots[0]) if is_shells(snapshots[0]) else None
-        #: One disc for each particle of the picture; bars are no contacts.
-        self._particles = [
-            self._shells.as_discs(s) if self._shells else without_bars(s) for s in snapshots
-        ]
-        self._left, self._bottom, self.width, self.height = view(snapshots)
+        numbers = range(len(snapshots)) if only is None else [only]
+        #: By its number, one disc for each particle of the picture; bars are no contacts.
+        self._particles = {n: self._as_discs(snapshots[n]) for n in numbers}
+        self._left, self._bottom, self.width, self.height = view([snapshots[n] for n in numbers])
         axis.set(xlim=(self._left, self._left + self.width))
         axis.set(ylim=(self._bottom, self._bottom + self.height))
         axis.set(aspect="equal", xticks=[], yticks=[])
@@ -97,30 +104,31 @@ class Scene:
         across, down = (float(a) for a in figure.get_size_inches())
         inches = min(room.width * across / self.width, room.height * down / self.height)
         self.point = 72 * inches  # per unit of length
-        first = self._particles[0]
+        first = self._as_discs(snapshots[0])
         self.diameter = 2 * self.point * float(first.radius.mean())  # [points]
         self._small = self.diameter < _SMALL
         body = np.arange(len(self._shells)) if self._shells else clusters(snapshots[0])
         tints = particle_tints(first, body)
-        self.colours = Colouring(self._particles, gradient, Colour(colour), tints)
+        since = gradient @ np.linalg.inv(gradient[0])
+        self.colours = Colouring(self._particles, first, since, Colour(colour), tints)
         self.contacts = Contacts(contacts or self._readable())
-        self._least, self._largest = self._forces_of_all()
-        most = max(int((_strength(s) > 0).sum()) for s in self._particles)
+        self._usual, self._largest = self._forces_of_all()
+        most = max(int((_strength(s) > 0).sum()) for s in self._particles.values())
         self._crowded = most * _ROOM > self.width * self.height * self.point**2
         if self._shells:
             edge, self._edge = 2 * self.point * float(snapshots[0].radius.mean()), _LINK
-        elif self._small:
+        elif self.diameter < _EDGELESS:
             edge, self._edge = 0.0, "none"
         else:
             edge, self._edge = min(0.035 * self.diameter, 0.6), _EDGE
         self._bodies = PolyCollection([], linewidths=edge, joinstyle="round")
         self._bars = LineCollection([], linewidths=max(self.diameter, 1.0))
-        self._links = LineCollection([], colors=_LINK, linewidths=self._line(0.055))
-        self._interfaces = LineCollection([], linewidths=self._line(0.06))
+        self._links = LineCollection([], linewidths=self._line(0.04))
+        self._interfaces = LineCollection([])
         self._forces = LineCollection([])
         self._cell = LineCollection([], colors="0.15", linewidths=0.8, linestyles="dashed")
         self._own = LineCollection([], colors="0.1", linewidths=1.1)
-        self.artists = (
+        self.artists: tuple[Artist, ...] = (
             self._bodies, self._links, self._interfaces, self._forces, self._cell, self._own,
             self._bars,
         )  # fmt: skip
@@ -130,6 +138,34 @@ class Scene:
         self._bars.set(zorder=self._bodies.zorder)
         for artist in (self._bars, self._links, self._interfaces, self._forces):
             artist.set_capstyle("round")
+
+    def draw_weight(self, inclination: float) -> None:
+        """Draw in a corner which way things fall, at this angle [degree] from −y to x."""
+        from matplotlib.patches import Circle, FancyArrowPatch
+
+        angle = math.radians(inclination)
+        down = np.array([math.sin(angle), -math.cos(angle)])
+        half = _WEIGHT / self.point
+        first = self.snapshots[0]
+        corner = (self._left + self.width, first.width), (self._bottom + self.height, first.height)
+        middle = np.array([min(seen) for seen in corner]) - 1.8 * half
+        ground = Circle((float(middle[0]), float(middle[1])), 1.2 * half, color="white", alpha=0.85)
+        arrow = FancyArrowPatch(
+            *(middle - half * down, middle + half * down),  # type: ignore[arg-type]
+            arrowstyle="-|>", mutation_scale=10, shrinkA=0, shrinkB=0, color=_PUSH_ON_SCALE,
+        )  # fmt: skip
+        for artist in (ground, arrow):
+            self.axis.add_patch(artist)
+        beside = middle + 0.55 * half * np.array([-down[1], down[0]]) - 0.5 * half * down
+        x, y = (float(place) for place in beside)
+        letter = self.axis.text(x, y, "$g$", ha="center", va="center", fontsize=8)
+        shown: tuple[Artist, ...] = (ground, arrow, letter)
+        for each in shown:
+            each.set(zorder=20, clip_on=True)
+        self.artists += shown
+
+    def _as_discs(self, s: Snapshot) -> Snapshot:
+        return self._shells.as_discs(s) if self._shells else without_bars(s)
 
     def _line(self, of_diameter: float) -> float:
         return min(max(of_diameter * self.diameter, 0.25), 2.5)
@@ -151,14 +187,16 @@ class Scene:
         return "state" if held and not self._small else "force"
 
     def _forces_of_all(self) -> tuple[float, float]:
-        """Return the least mean force that widths are drawn for, and the largest of all forces."""
+        """Return the usual mean force of those that are loaded, and the largest of all forces."""
         if self._alone:
-            forces = [s.normal[s.j < 0] for s in self.snapshots]
+            forces = [self.snapshots[n].normal[self.snapshots[n].j < 0] for n in self._particles]
         else:
-            forces = [_strength(s) for s in self._particles]
-        return _LEAST * max(map(_mean, forces)), max(f.max(initial=0.0) for f in forces)
+            forces = [_strength(s) for s in self._particles.values()]
+        means = np.array([_mean(f) for f in forces])
+        usual = float(np.median(means[means >= _LOADED * means.max()]))
+        return usual, max(float(f.max(initial=0.0)) for f in forces)
 
-    def legend(self, axis: "Axes") -> "Legend | None":
+    def legend(self, axis: "Axes", columns: int = 1) -> "Legend | None":
         """Say in ``axis`` what the lines are."""
         from matplotlib.lines import Line2D
 
@@ -169,27 +207,31 @@ class Scene:
         shown = []
         if self.contacts == "state":
             shown += [line(_LINK, "link")] * (LINK in kinds)
-            shown += [line(_INTERFACE, "interface of a link")] * bool(kinds & {LINK, COHESIVE})
-            shown += [line(_HOLDS, "contact that holds")] * (CONTACT in kinds)
-            shown += [line(_SLIDES, "contact that slides")] * (SLIDING in kinds)
+            theirs = "its interface" if LINK in kinds else "interface of a link"
+            shown += [line(_INTERFACE, theirs)] * bool(kinds & {LINK, COHESIVE})
+            held = "contact holds" if SLIDING in kinds else "contact"
+            shown += [line(_HOLDS, held)] * (CONTACT in kinds)
+            shown += [line(_SLIDES, "slides")] * (SLIDING in kinds)
         elif self.contacts == "force":
             push = _PUSH_ON_SCALE if self.colours.scaled else _PUSH
             way = "length as force" if self._alone else "width as force"
-            way = "strongest fifth" if self._crowded and not self._alone else way
+            if self._crowded and not self._alone:
+                way += "\nabove the mean"
             pushes, pulls = self._ways()
             shown += [line(push, f"push; {way}")] * pushes
             shown += [line(_PULL, "pull" if pushes else f"pull; {way}")] * pulls
         if not shown:
             return None
         return axis.legend(
-            handles=shown, loc="lower left", handlelength=1.2, borderpad=0, borderaxespad=0
-        )
+            handles=shown, loc="lower left", ncols=columns, handlelength=1.1, handletextpad=0.6,
+            columnspacing=0.8, borderpad=0, borderaxespad=0,
+        )  # fmt: skip
 
     def _ways(self) -> tuple[bool, bool]:
         """Return whether there are lines of forces that push, and of those that pull."""
         if self._alone:
             return bool(self._largest > 0), False
-        drawn = [s.normal[self._thickness(s) > 0] for s in self._particles]
+        drawn = [s.normal[self._thickness(s) > 0] for s in self._particles.values()]
         return any((f >= 0).any() for f in drawn), any((f < 0).any() for f in drawn)
 
     # --- Drawing ---------------------------------------------------------------------------------
@@ -256,13 +298,14 @@ class Scene:
             shapes = outlines(s, _CORNERS // 2 if self._small else _CORNERS)
             reach = float(s.radius.max())
         # Held particles that an edge cuts are the plate on both of its sides.
-        across = np.where(s.fixed, s.radius, 0.0)[:, None] * [0.0, 1.0]
+        across = np.where(s.fixed, 0.5 * s.radius, 0.0)[:, None] * [0.0, 1.0]
         who, move, outside = self._seen(s, place, moves, reach, across)
         at = place[who] + move
         self._bodies.set_verts([shapes[k] + centre for k, centre in zip(who, at, strict=True)])
         faces = self.colours.faces(number)
         if self.contacts == "force" and not self.colours.scaled:
-            faces[:, :3] = 1 - 0.8 * (1 - faces[:, :3])
+            pale = _PALER if self._crowded and not self._alone else _PALE
+            faces[:, :3] = 1 - pale * (1 - faces[:, :3])
         self._bodies.set_facecolor(dimmed(faces[who], outside))  # type: ignore[arg-type]
         edges = to_rgba_array([self._edge] * len(who))
         self._bodies.set_edgecolor(dimmed(edges, outside))  # type: ignore[arg-type]
@@ -292,20 +335,23 @@ class Scene:
             there = np.ptp(faces, axis=1).any(axis=1)
             who, kind, faces = s.i[there], s.kind[there], faces[there]
         colours = to_rgba_array(_KINDS)[kind]
-        self._put(self._interfaces, s, place[who, None] + faces, colours, moves)
+        # What holds or slides is to be seen between all that is linked.
+        wide = np.where(np.isin(kind, [CONTACT, SLIDING]), self._line(0.06), self._line(0.04))
+        self._put(self._interfaces, s, place[who, None] + faces, colours, moves, wide)
 
     def _thickness(self, s: Snapshot) -> FloatArray:
         """Return how thick the lines of forces (C,) are [points]; 0: what is not drawn."""
         strong = _strength(s)
-        mean = max(_mean(strong), self._least)
+        mean = max(self._usual, _mean(strong) / _TWICE)
         share = strong / mean if mean > 0 else strong
-        thick = np.minimum(0.08 * share, 0.3) * min(max(self.diameter, 3.0), _LARGE)
+        if self._crowded:  # all of them would be a net without chains
+            wide = np.clip(0.2 * (share - 1), 0.0, 0.4)
+        else:
+            wide = np.minimum(0.08 * share, 0.3)
+        thick = wide * min(max(self.diameter, 3.0), _LARGE)
         if self.colours.scaled:
             thick = _OVER_COLOURS * thick
-        use = thick > _THINNEST
-        if self._crowded and use.any():
-            use &= strong > np.quantile(strong, 1 - _CHAINS)
-        return np.where(use, thick, 0.0)
+        return np.where(thick > _THINNEST, thick, 0.0)
 
     def _draw_forces(self, s: Snapshot, place: FloatArray, moves: FloatArray) -> None:
         """Draw lines from centre to centre, as wide as forces are strong."""
@@ -381,7 +427,7 @@ def view(snapshots: Sequence[Snapshot]) -> tuple[float, float, float, float]:
     wide, high = max(s.width for s in snapshots), max(s.height for s in snapshots)
     if first.periodic:
         particles = Shells(first).as_discs(first) if is_shells(first) else first
-        rim = 2 * _MARGIN * float(particles.radius.max())
+        rim = max(2 * _MARGIN * float(particles.radius.max()), _RIM * min(wide, high))
         return -rim, -rim, wide + 2 * rim, high + 2 * rim
     rim = 0.02 * wide
     # Without walls at its sides a tissue goes beyond them, and discs of an open cell anywhere.

@@ -94,15 +94,15 @@ BOX = points(
 )
 
 
-def make_job(name, snapshots=None):
-    data = POINTS[name]
+def make_job(name, snapshots=None, shear=None):
+    data = POINTS[name] | ({"shear": shear} if shear else {})
     kind = data.get("model", {}).get("kind", "microgel")
     data = data | {"record": data.get("record", {}) | {"snapshots": snapshots}}
     return Job.create(models.model(kind).POINT.model_validate(data), seed=3, replicate=1)
 
 
-def started(name, snapshots=None):
-    job = make_job(name, snapshots)
+def started(name, snapshots=None, shear=None):
+    job = make_job(name, snapshots, shear)
     return models.model(job.point.kind).start(job.point, job.streams)
 
 
@@ -317,6 +317,30 @@ def test_a_number_counts_in_units_of_the_protocol():
         0, 0.5, 1, 1.5, 2, 2.5, 3,
     ]  # fmt: skip
     assert len(snapshot_rows(100, clock, 3.0)) == 301
+    assert snapshot_rows(2, clock[::50], 3.0) == (4, 5, 6, 7, 8, 9, 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "shear"),
+    [
+        ("hard discs: steady", {"kind": "steady", "strain": 0.3}),
+        ("hard discs: steady", {"kind": "compression", "compression": -0.1}),
+        ("microgel: loose, plates", {"strain_amplitude": 0.1, "periods": 0.7}),
+        (
+            "microgel: steady, backwards",
+            {"kind": "steady", "relative_rate": -0.05, "strain": 0.3, "post_periods": 0},
+        ),
+    ],
+)
+def test_a_number_keeps_the_end_of_the_shear(name, shear):
+    """Where it does not divide the shear: the last picture shows what this has come to."""
+    simulation = started(name, 5, shear)
+    finish(simulation)
+    columns, protocol = simulation.columns(), simulation.summary()["protocol"]
+    kept = columns["time"][[snapshot.row for snapshot in simulation.snapshots]]
+    assert kept[-1] == pytest.approx(protocol["shear_end"], rel=1e-2)
+    assert len(kept) > 1
+    assert (np.diff(kept) > 0).all()
 
 
 def test_moments_are_those_of_the_nearest_records():

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
-from shear_sim import render
+from shear_sim import models, render
 from shear_sim.cli import app
 from shear_sim.figures.geometry import (
     displacement,
@@ -142,7 +142,7 @@ def test_discs_that_only_touch_have_an_interface_after_they_were_kept(tmp_path):
     place = np.cumsum(radius + np.append(0.0, radius[:-1]))
     pairs = np.column_stack([np.arange(49), np.arange(1, 50)])
     s = snapshot(np.column_stack([place, np.full(50, 5.0)]), radius, pairs, side=70.0)
-    write_snapshots(tmp_path, "touching", [s], {})
+    write_snapshots(tmp_path, "touching", [s], {}, models.model("microgel").SNAPSHOT_UNITS)
     [kept] = read_snapshots(tmp_path, "touching")
     gap = kept.separation[:, 0] - kept.radius[kept.i] - kept.radius[kept.j]
     assert (gap > 0).sum() > 10
@@ -626,7 +626,7 @@ def test_a_picture_shows_what_is_between_the_walls(box):
 def test_an_open_cell_is_drawn_and_kept_with_all_that_has_left_it(tmp_path):
     """Its box of the file does not tilt, and holds all discs; the cell comes back as it was."""
     s = snapshot([[5, 5], [-40, 3], [12, 25], [4, -7]], 1.5, offset=4.0)._replace(periodic=False)
-    write_snapshots(tmp_path, "open", [s], {})
+    write_snapshots(tmp_path, "open", [s], {}, models.model("microgel").SNAPSHOT_UNITS)
     [kept] = read_snapshots(tmp_path, "open")
     left, bottom, width, height = view([kept])
     for (x, y), radius in zip(kept.position, kept.radius, strict=True):

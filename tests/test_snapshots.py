@@ -474,7 +474,7 @@ def test_what_others_read(study):
 
 @pytest.mark.parametrize("name", KEPT)
 def test_lengths_of_a_file_are_of_order_one(name, study):
-    """In metres freud's Voronoi cells of microgels fill 1.02 to 1.11 of the box, so 1 to 1e-8."""
+    """In metres freud's Voronoi cells of microgels are wrong by 2 to 11 % of the box, so 2e-9."""
     job = make_job(name, 5)
     gsd_file, _ = paths(study.snapshots, job.id)
     kept = read_snapshots(study.snapshots, job.id)

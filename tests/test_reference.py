@@ -57,20 +57,88 @@ def test_every_key_of_every_kind_is_there_and_explained(kind):
     assert max(map(len, text.splitlines())) <= 104  # a commented line has two more
 
 
+def dotted(section, prefix=""):
+    """Yield every key of a point that holds a value, dotted, of each kind."""
+    for name, info in fields_of(section).items():
+        below = sections_of(info.annotation)
+        for option in below:
+            yield from dotted(option, f"{prefix}{name}.")
+        if not below and name not in FILLED_IN and (name, info.description) != ("kind", None):
+            yield prefix + name, info
+
+
+#: What the manual and the papers have: sections, and equations by number.
+SOURCES = {
+    "microgel": r"(eq\. )?S1-([1-9]|1\d|2[0-5])b?|S2-1|section [1-6](\.\d){0,2}",
+    "hard_disc": (
+        r"HD\.\d+|paper \(([1-9]|[12]\d|30)\)|"
+        r"(paper,? )?(section )?(I{1,3}|IV|V)( [A-D])?"
+    ),
+    "soft_particle": r"SP\.\d+|paper \(([1-9]|[1-3]\d)\)|section [2-6](\.\d)?",
+}
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_key_has_a_source(kind):
+def test_every_key_ends_with_its_source(kind):
     """An equation or section of the model's paper or manual, of its docstring, or none but ours."""
-    source = re.compile(r"paper|[Ss]ection \d|S[12]-\d|(HD|SP)\.\d|\bours\b")
-    numbered = set(re.findall(r"\((HD\.\d+|SP\.\d+)\)", inspect.getdoc(models.model(kind))))
-    for section, info in fields_of(models.model(kind).POINT).items():
-        for option in sections_of(info.annotation):
-            for name, each in all_keys(option):
-                if sections_of(each.annotation) or (name, each.description) == ("kind", None):
-                    continue
-                assert source.search(each.description), f"{section}.{name}: {each.description}"
-                cited = set(re.findall(r"\b(?:HD|SP)\.\d+", each.description))
-                assert cited <= numbered, f"{section}.{name}: {cited}"
+    model = models.model(kind)
+    numbered = set(re.findall(r"\((HD\.\d+|SP\.\d+)\)", inspect.getdoc(model)))
+    one = rf"({SOURCES[kind]})( of part \d)?"
+    source = re.compile(rf"[;,] {one}(, {one})*$|\({one}(, or the same for all)?\)?$|[;,] ours$")
+    for key, info in dotted(model.POINT):
+        text = info.description.removesuffix(".")
+        said = re.sub(r"; first order, as particleShear$|, or the same for all$", "", text)
+        if key == "model.lever_arms":  # a source for each choice
+            assert set(re.findall(r"eq\. (S1-\d)", text)) == {"S1-2", "S1-3"}
+            continue
+        assert source.search(said), f"{key}: {text}"
+        assert set(re.findall(r"\b(?:HD|SP)\.\d+", text)) <= numbered, f"{key}: {text}"
     assert "(ours:" in study_reference(kind)
+
+
+def test_what_cites_the_table_of_the_old_program_is_mapped_to_it():
+    """And what is ours alone is not."""
+    page = (Path(__file__).parents[1] / "analysis/particleshear.md").read_text()
+    names = page.partition("## Names")[2].partition("\n## ")[0]
+    mapped = set(re.findall(r"\b(?:model|packing|shear)\.[a-z_.]+[a-z]", names))
+    mapped |= {f"shear.{name}" for name in ("pre_periods", "periods", "post_periods")}
+    oscillatory = dotted(models.model("microgel").POINT)
+    told = {}
+    for key, info in oscillatory:
+        told.setdefault(key, info.description)  # of the default kind, which comes first
+    cited = {key for key, text in told.items() if "S2-1" in text}
+    assert cited - mapped == {"cell.width"}  # which its caption has
+    assert not [key for key in mapped & set(told) if told[key].endswith("ours")]
+
+
+UNITS = {
+    "microgel": {
+        "cell.width": "m", "cell.height": "m", "packing.density": "kg/m³",
+        "model.young_modulus": "Pa", "model.links.avoid_angle": "degrees",
+    },
+    "hard_disc": {
+        "model.mobility": "1/(Pa s)", "packing.walls.angle": "degrees",
+        "packing.walls.orifice": "mean small diameters", "shear.duration": "τ",
+        "shear.inclination": "degrees", "shear.period": "s", "shear.persistence": "τ",
+        "shear.rate": "1/s", "shear.shear_stress": "Pa", "shear.strain_rate": "1/s",
+        "shear.time_unit": "s",
+    },
+    "soft_particle": {
+        "packing.radius": "m", "model.young_modulus": "Pa", "model.density": "kg/m³",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_pure_number_has_its_unit(kind):
+    found = {}
+    for key, info in dotted(models.model(kind).POINT):
+        if key != "record.snapshots":
+            units = set(re.findall(r"\[([^\]]*)\]", info.description)) - {"-"}
+            assert units <= {found.get(key, *units)} if units else key not in found, key
+            found |= dict.fromkeys([key] if units else [], *units)
+    assert found == UNITS[kind]
+    assert "Numbers without a unit in brackets" in study_reference(kind)
 
 
 def test_limits_and_choices_are_named():

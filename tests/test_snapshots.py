@@ -12,7 +12,7 @@ import pytest
 from soft_particles import chain, finished, points, ring, system
 from tools import differences, read_table
 
-from shear_sim import models, runner
+from shear_sim import models, runner, snapshots
 from shear_sim.accuracy import finish
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, SLIDING
@@ -486,6 +486,24 @@ def test_lengths_of_a_file_are_of_order_one(name, study):
     assert np.log10(unit) % 1 == 0
     assert 0.3 < 2 * kept[0].radius.mean() / unit < 3.2
     assert (unit == 1) == ("hard" in name)  # in λ, of their own
+
+
+def test_files_in_metres_are_read_too(study, tmp_path, monkeypatch):
+    """Those written before there was a unit of length."""
+
+    def before(snapshot, log, unit):
+        made = whole(snapshot, log, 1.0)
+        del made.log["unit_of_length"]
+        return made
+
+    whole, job = snapshots.frame, make_job("microgel: friction and links", 5)
+    kept = read_snapshots(study.snapshots, job.id)
+    monkeypatch.setattr(snapshots, "frame", before)
+    units = models.model("microgel").SNAPSHOT_UNITS
+    write_snapshots(tmp_path, job.id, kept, {}, units)
+    for one, other in zip(read_snapshots(tmp_path, job.id), kept, strict=True):
+        assert one.position == pytest.approx(other.position, abs=1e-6 * other.width)
+        assert one.radius == pytest.approx(other.radius, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", KEPT)

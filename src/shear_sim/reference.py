@@ -55,7 +55,8 @@ def _header(kind: str, docstring: str) -> list[str]:
     sources = " ".join(docstring.partition("Source: ")[2].partition("\n\n")[0].split())
     text = (
         f"Study file of model {kind}: every key with its default, its meaning and unit, its source "
-        f"(ours: only this program has it) and its limits. {sources}"
+        "(ours: only this program has it) and its limits. Numbers without a unit in brackets are "
+        f"pure. {sources}"
     )
     if re.search(r"\([A-Z]{2}\.1\)", docstring):
         text += f" Equations with a dot are in the docstring of shear_sim.models.{kind}."

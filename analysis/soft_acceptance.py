@@ -28,6 +28,7 @@ from soft_diametral import (
     crushed,
     elastica_with_core,
     stadium,
+    touching_onset,
 )
 from soft_speed import STEPS, by_threads, least, packed
 from soft_suspension import gates
@@ -40,7 +41,11 @@ TESTS = {
     "notch of 127°: energy kept to second order": "test_contacts.py -k notch",
     "angular momentum with friction, to round-off": "test_contacts.py -k momenta or objective",
     "energy balance falls with the step: ring, collision, pack": "-k improves or missing_falls",
-    "links, rigid particles": "test_links_and_rigid.py",
+    "links, rigid particles, a share of them in a box": "-k link or rigid",
+    "core laws, turgor": "test_cores.py",
+    "dashpots and friction of walls: closed forms": "test_dashpots.py",
+    "what a study keeps of a run, from tables made by hand": "test_measured.py",
+    "a lid under a load": "test_compaction.py -k load",
     "guards: passing through, inside out, folded, crushed": "test_contacts.py -k stops",
     "bad input": "-k impossible or refused or unstable or none_are or bodies",
     "tissue: tessellation, links, energies": "-k tissue or tension or link",
@@ -71,9 +76,13 @@ def single_rings(results: Path) -> None:
     strain, load = run.table["compression"], run.table["load_ratio"]
     use = strain > 0.32
     slope, offset = np.polyfit(strain[use], load[use], 1)
-    row("flat contact: onset", f"{ONSET} ± 0.01", f"{-offset / slope:.4f}",
-        abs(-offset / slope - ONSET) < 0.01)  # fmt: skip
-    row("flat contact: slope", "2.188", f"{slope:.3f}", abs(slope - 2.188) < 0.05)
+    found = {"distance of the loads": (-offset / slope, slope)}
+    for vertices in (100, 200):
+        found[f"length that touches, N = {vertices}"] = touching_onset(vertices)
+    for what, (onset, slope) in found.items():
+        row(f"flat contact: onset, {what}", f"{ONSET} ± 0.01", f"{onset:.4f}",
+            abs(onset - ONSET) < 0.01)  # fmt: skip
+        row(f"flat contact: slope, {what}", "2.188", f"{slope:.3f}", abs(slope - 2.188) < 0.05)
     missing = np.abs(run.table["energy_missing"]).max() / run.table["work"].max()
     row("energy missing, single ring", "1e-6", f"{missing:.1e}", missing < 1e-6)
     for eta in (1.0, 100.0):

@@ -26,11 +26,13 @@ from scipy.integrate import solve_bvp
 from shear_sim.models.soft_particle.diametral import Diametral
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.results import read_job
+from shear_sim.tables import Table
 
 FloatArray = NDArray[np.float64]
 
 VERTICES, THICKNESS = 100, 0.05
 ONSET = 0.2822  # of flat contact of an elastica
+THIN = (2 / np.pi - 0.5) / (np.pi / 4 - 2 / np.pi)  # width / way of the plates, at first
 ELASTICA = np.array(
     [
         (0.05, 0.6254, 0.9967), (0.10, 1.1743, 0.9875), (0.15, 1.6663, 0.9730),
@@ -120,11 +122,26 @@ class Run(NamedTuple):
         return np.interp(strain, self.table["compression"][:top], self.table[name][:top])
 
 
-def compress(strain: float, rate: float, rows: int, *, unload: bool = False, **model: float) -> Run:
+def touching_onset(vertices: int) -> tuple[float, float]:
+    """Return ε where the length that touches begins, a line, and its slope.
+
+    A segment or two more touch than lie between the loads, so the onset is early by 1.7/N.
+    """
+    run = compress(0.45, 0.02, 90, vertices=vertices)
+    e, ratio = run.table["compression"], run.table["contact_ratio"]
+    use = ratio > 4.5 * np.sin(np.pi / vertices)
+    slope, offset = np.polyfit(e[use], ratio[use], 1)
+    return -offset / slope, slope
+
+
+def compress(
+    strain: float, rate: float, rows: int, *, unload: bool = False, vertices: int = VERTICES,
+    **model: float,
+) -> Run:  # fmt: skip
     """Press a ring; ``model`` may say its thickness [R], else `THICKNESS`."""
     point = SoftParticlePoint.model_validate(
         {
-            "packing": {"vertices": VERTICES},
+            "packing": {"vertices": vertices},
             "model": {"thickness": THICKNESS, "core": "elastic"} | model,
             "shear": {"compression": strain, "relative_rate": rate, "unload": unload},
             "record": {"rows": rows},
@@ -152,6 +169,12 @@ def compress(strain: float, rate: float, rows: int, *, unload: bool = False, **m
     scales = {"bending": run.unit.bending, "radius": r, "diameter": 2 * run.half}
     table |= {name: np.full(len(records), value) for name, value in scales.items()}
     return Run(table, place, pressure)
+
+
+def ellipse(strain: FloatArray) -> FloatArray:
+    """Return a/b₀ of an ellipse of the perimeter of the ring: paper (26), solved for a."""
+    b = 1.0 - strain
+    return (6 - 4 * b + np.sqrt((4 * b - 6) ** 2 - 12 * (3 * b**2 - 6 * b + 2))) / 6
 
 
 def row(*cells: object) -> None:
@@ -188,6 +211,14 @@ def elastic(run: Run) -> None:
         f"work; given back in unloading to ε = {end:.1e}: {100 * back:.1f} % of it. "
         f"W_s/W_b = {share:.1e} at the top."
     )
+    print(
+        "\nWidth, between a stadium and an ellipse of the same perimeter (paper (27), (26)); "
+        f"at first 1 + {THIN:.3f} ε, as a thin ring under two forces:"
+    )
+    head("ε", "a/b₀", "stadium", "ellipse", "1 + 0.918 ε")
+    for at in (0.02, 0.1, 0.2, 0.3, 0.4, 0.49):
+        width = float(run.loading("width_ratio", np.array([at]))[0])
+        row(f"{at:g}", width, 1 + (np.pi / 2 - 1) * at, float(ellipse(np.array(at))), 1 + THIN * at)
     print("\nEnergy of bending [EI/R], and the paper's estimates of it from the contact length:")
     head("ε", "L_c/b₀ of the loads", "W_b", "flat contacts L_c/R", "uniform π (L_c/R)²")
     for e in (0.3, 0.35, 0.4, 0.45, 0.49):
@@ -256,11 +287,17 @@ def asked(summary: dict[str, Any]) -> dict[str, Any]:
     return dict(summary["parameters"]["shear"])
 
 
+def let_go(results: Path) -> Table:
+    """Return the plastic ring whose plates part again."""
+    jobs = [read_job(path) for path in sorted((results / "jobs").glob("*.parquet"))]
+    (found,) = (job for job in jobs if asked(job.summary)["unload"])
+    return found
+
+
 def residual(results: Path) -> float:
     """Return the residual compression of the plastic ring that was let go / the largest."""
-    jobs = [read_job(path).summary for path in sorted((results / "jobs").glob("*.parquet"))]
-    (let_go,) = (job for job in jobs if asked(job)["unload"])
-    return float(let_go["measured"]["residual_compression"] / asked(let_go)["compression"])
+    found = let_go(results).summary
+    return float(found["measured"]["residual_compression"] / asked(found)["compression"])
 
 
 def plastic(results: Path) -> Run:
@@ -320,8 +357,10 @@ def _last_two(axis: plt.Axes) -> tuple[list[object], list[str]]:
 
 
 def draw(path: str, runs: dict[str, Run]) -> None:
-    figure, axes = plt.subplots(2, 3, figsize=(9.5, 5.6), layout="constrained")
+    figure, axes = plt.subplots(2, 4, figsize=(12.5, 5.6), layout="constrained")
     for name, run in runs.items():
+        if name == "let go":
+            continue
         top = int(run.table["compression"].argmax()) + 1
         e = run.table["compression"][:top]
         line = {"label": name, "lw": 1.2}
@@ -372,7 +411,25 @@ def draw(path: str, runs: dict[str, Run]) -> None:
     axes[1, 1].legend(frameon=False, fontsize=7, loc="upper center")
     axes[0, 2].plot([], [], "k:", lw=0.6, label="stadium, η = 1, 100")
     axes[0, 2].legend(*_last_two(axes[0, 2]), frameon=False, fontsize=7, loc="upper left")
-    for axis in (*axes[0], axes[1, 0], axes[1, 2]):
+    run = runs["elastic"]
+    top = int(run.table["compression"].argmax()) + 1
+    e = run.table["compression"][:top]
+    axes[0, 3].plot(e, run.table["width_ratio"][:top], lw=1.2, label="elastic")
+    axes[0, 3].plot(e, ellipse(e), "k--", lw=0.7, label="ellipse")
+    axes[0, 3].plot(e, 1 + (np.pi / 2 - 1) * e, "k:", lw=0.7, label="stadium")
+    axes[0, 3].set(ylabel="$a/b_0$")
+    axes[0, 3].legend(frameon=False, fontsize=7)
+    for name, color in (("elastic", "C0"), ("let go", "C3")):
+        run = runs[name]
+        top = int(run.table["compression"].argmax()) + 1
+        e, area = run.table["compression"], run.table["area_ratio"]
+        label = "plastic" if name == "let go" else name
+        axes[1, 3].plot(e[:top], area[:top], color=color, lw=1.2, label=label)
+        axes[1, 3].plot(e[top - 1 :], area[top - 1 :], "k--", lw=0.8)
+    axes[1, 3].plot([], [], "k--", lw=0.8, label="back")
+    axes[1, 3].set(ylabel="$V/V_0$, there and back")
+    axes[1, 3].legend(frameon=False, fontsize=7)
+    for axis in (*axes[0], axes[1, 0], axes[1, 2], axes[1, 3]):
         axis.set_xlabel("$ε = 1 - b/b_0$")
     axes[0, 0].legend(frameon=False, fontsize=7)
     for axis in axes.flat:
@@ -392,6 +449,7 @@ def main() -> None:
     runs["η = 100"] = core(100.0)
     thinner()
     runs["plastic"] = plastic(given.results)
+    runs["let go"] = Run(dict(let_go(given.results).columns), [], [])
     draw(given.figure, runs)
 
 

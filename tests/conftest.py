@@ -28,10 +28,19 @@ def environment():
     return new_environment()
 
 
-# Files of a minute and more, mostly waits; a process that began one of them last would be alone.
-LONG = ("test_cluster.py", "test_sweep.py", "test_faults.py", "test_cli.py")
+# Files of a minute and more, mostly waits: a process that began one of them last would be alone.
+# Then those that compile most of what others need: two at once would both compile, or one wait.
+FIRST = (
+    "test_cluster.py",
+    "test_sweep.py",
+    "test_faults.py",
+    "test_cli.py",
+    "test_beam_and_free_ring.py",
+    "test_hard_cases.py",
+)
 
 
 def pytest_collection_modifyitems(items):
-    """Run the longest files first."""
-    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+    """Run the files first that others would wait for."""
+    places = {name: place for place, name in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(FIRST)))

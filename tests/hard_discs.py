@@ -23,6 +23,7 @@ def flow(position, radius, side=20.0, mobility=None, offset=0.0, bonds=(), **dri
     radius = np.broadcast_to(np.asarray(radius, float), n).copy()
     mobility = np.ones(n) if mobility is None else np.asarray(mobility, float)
     bonds = np.asarray(bonds, np.int32).reshape(-1, 2)
+    side = float(side)  # for a whole number everything would be compiled again
     return Flow(x, y, radius, mobility, side, side, drive(n, **driven), offset=offset, bonds=bonds)
 
 

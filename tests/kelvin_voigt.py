@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,7 +16,6 @@ import numpy as np
 from pydantic import Field
 
 from shear_sim import models
-from shear_sim.compiled import jit
 from shear_sim.models.interface import Column, Point, SimulationError
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.schema import NonNegative, Section
@@ -40,6 +40,7 @@ class KelvinVoigt(Section):
     viscosity: Annotated[float, Field(ge=0, description="η [Pa s]")] = 5.0
     noise: Annotated[NonNegative, Field(description="amplitude of white noise [Pa]")] = 0.0
     seconds: Annotated[NonNegative, Field(description="how long the simulation takes")] = 0.0
+    compiled: Annotated[bool, Field(description="whether the spring is a kernel of Numba")] = False
     fault: Annotated[
         Literal["none", "physics", "bug", "exit", "kill", "full", "uncompilable"],
         Field(description="how a job ends, unless HEALED is set in the environment"),
@@ -90,7 +91,8 @@ class _Simulation:
         strain = amplitude * np.sin(angle)
         rate = amplitude * omega * np.cos(angle)
         model = self.point.model
-        stress = spring(strain, model.modulus) + model.viscosity * rate + model.noise * self.noise
+        elastic = (kernel() if model.compiled else spring)(strain, model.modulus)
+        stress = elastic + model.viscosity * rate + model.noise * self.noise
         return {"time": time, "strain": strain, "periodic_overall_xy": -stress}
 
     def summary(self):
@@ -127,9 +129,15 @@ def fail(how):
         raise OSError(28, "No space left on device")
 
 
-@jit
 def spring(strain, modulus):
     return modulus * strain
+
+
+@cache
+def kernel():
+    from shear_sim.compiled import jit  # half of the time that a process takes to start
+
+    return jit(spring)
 
 
 def start(point, streams):
@@ -145,7 +153,8 @@ def compile_for(points):
         if point.model.fault == "uncompilable":
             msg = "contact law: no such function"
             raise TypeError(msg)
-    spring(np.zeros(1), 1.0)
+    if any(point.model.compiled for point in points):
+        kernel()(np.zeros(1), 1.0)
 
 
 if "kelvin_voigt" not in models.KINDS:

@@ -22,16 +22,42 @@ def points(**usual):
     return point
 
 
+def prepared(given, seed=0):
+    """The simulation of a point, before its first record."""
+    simulation = soft_particle.start(given, Streams(seed, 0))
+    while not simulation.run.prepare(1000):
+        pass
+    return simulation
+
+
 def finished(given, seed=0):
     """The simulation of a point, run to its end."""
-    simulation = soft_particle.start(given, Streams(seed, 0))
+    simulation = prepared(given, seed)
     simulation.advance(10_000)
     return simulation
 
 
+def prepared_in_parts(given):
+    """Prepare in one piece, and in parts of which each is kept in a file; return their number."""
+    whole = prepared(given)
+    simulation = soft_particle.start(given, Streams(0, 0))
+    assert simulation.run.system.steps == 0
+    parts = 0
+    while not simulation.run.prepare(20):
+        parts += 1
+        simulation = pickle.loads(pickle.dumps(simulation))  # noqa: S301 - our own
+        simulation.threads = 1 + parts % 2
+        assert simulation.done == 0 < simulation.run.system.steps
+    for name in ("x", "y", "vx", "vy"):
+        one, other = (getattr(s.run.system.motion, name) for s in (whole, simulation))
+        assert np.array_equal(one, other), name
+    assert whole.run.preparation() == simulation.run.preparation()
+    return parts
+
+
 def goes_on_to_the_same_bits(given, rows):
     """Run a point whole, and again from what was kept of it after ``rows`` records."""
-    whole = soft_particle.start(given, Streams(0, 0))
+    whole = prepared(given)
     whole.advance(rows)
     again = pickle.loads(pickle.dumps(whole))  # noqa: S301 - our own
     whole.advance(10_000)
@@ -89,6 +115,24 @@ def slope(system, at=None, step=1e-6):
 
 def system(*bodies, stiffness=1.0, **given):
     return System(list(bodies), stiffness=stiffness, **given)
+
+
+HOUSE = [(0, 0), (2, 0), (4, 0), (4, 2), (2, 0.8), (0, 2)]  # a concave corner at (2, 0.8)
+
+
+def probe(points, at, closed=True, thickness=0.2, stiffness=1.0, **given):
+    """A fixed chain and one free vertex; a chain of no stiffness, so its other end is far away."""
+    at = np.array(at, float)
+    body = (ring(points=np.array(points, float), thickness=thickness) if closed
+            else chain(points, thickness=thickness))  # fmt: skip
+    away = chain([at, at + given.pop("tail", (0.0, 5.0))], thickness=thickness, stretch=1e-12)
+    s = system(body, away, stiffness=stiffness, **given)
+    n = len(points)
+    s.hold(np.arange(n))
+    s.hold(np.array([n + 1]))
+    s.chains.after[n] = -1  # its own segment touches nothing
+    s.begin()
+    return s, n
 
 
 def angular_momentum(s):

@@ -53,9 +53,9 @@ POINTS = {
         "integrator": {"scheme": "time_steps", "strain_step": 0.005},
     },
     "soft particle: plastic ring": {
-        "packing": {"vertices": 40},
+        "packing": {"vertices": 24},
         "model": {"kind": "soft_particle", "yield_moment": 0.02},
-        "shear": {"kind": "diametral_compression", "compression": 0.2, "relative_rate": 0.0025},
+        "shear": {"kind": "diametral_compression", "compression": 0.2, "relative_rate": 0.01},
     },
 }
 HARD = {"packing": {"discs": 24, "packing_fraction": 0.76}, "model": {"kind": "hard_disc"}}

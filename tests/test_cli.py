@@ -306,13 +306,13 @@ def test_bad_input_is_explained_with_exit_code_2(arguments, message, tmp_path, m
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "abc", "2(x3)"])
-def test_a_number_of_cores_that_is_none_is_bad_input(value, environment, tmp_path):
-    environment = {**environment, "SLURM_CPUS_PER_TASK": value}
+def test_a_number_of_cores_that_is_none_is_bad_input(value, monkeypatch, tmp_path):
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", value)
     study = write_study(tmp_path)
-    code, output = run(environment, "plan", study)
+    code, output = here("plan", study)
     assert code == 2
     assert f"shear-sim: SLURM_CPUS_PER_TASK={value}: must be a whole number above 0" in output
-    assert run(environment, "plan", study, "--jobs", "2")[0] == 0
+    assert here("plan", study, "--jobs", "2")[0] == 0
 
 
 SIGNALLED = """
@@ -424,14 +424,14 @@ def test_watching_goes_on_until_there_is_a_plan(swept, tmp_path, monkeypatch):
     assert ["of ? jobs" in text for text in shown] == [True] * 3 + [False]
 
 
-def test_kernels_can_be_compiled_ahead(swept, tmp_path):
-    folder, env, _ = swept
-    env = {**env, "SHEAR_SIM_CACHE": str(tmp_path / "cache")}
-    code, output = run(env, "compile", folder / "study.yaml")
+def test_kernels_can_be_compiled_ahead(tmp_path, environment):
+    study = write_study(tmp_path, compiled=True)
+    environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
+    code, output = run(environment, "compile", study)
     assert code == 0
     assert "compiling the kernels" in output
     assert f"compiled code is in {tmp_path / 'cache'}" in output
-    assert "compiling" not in run(env, "compile", folder / "study.yaml")[1]
+    assert "compiling" not in run(environment, "compile", study)[1]
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")

@@ -170,7 +170,7 @@ class TestCompiling:
 
 def test_two_sweeps_at_once_compile_once(tmp_path, environment):
     environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
-    study = write_study(tmp_path)
+    study = write_study(tmp_path, compiled=True)
     given = ("sweep", study, "--jobs", 1, "--results")
     both = [start(environment, *given, tmp_path / name) for name in "ab"]
     shown = [process.communicate(timeout=120)[0] for process in both]

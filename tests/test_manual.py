@@ -85,6 +85,16 @@ VALUES = {
     "--mem": "1000", "--max-tasks": "2",
 }  # fmt: skip
 INSTALL = "shear-sim --install-completion"  # for the shell that calls it, see below
+# Studies in the manual whose results are there, and others: in the sandbox all are the same.
+DONE, NEW = ("main", "quick", "film"), ("soft_beam", "soft_free_ring", "soft_tissue")
+
+
+def different(commands):
+    """Return those commands that do not differ by the name of a study alone."""
+    for first, *others in (DONE, NEW):
+        names = rf"(?<=configs/|results/)({'|'.join(others)})\b"
+        commands = [re.sub(names, first, command) for command in commands]
+    return sorted(set(commands))
 
 
 def code_blocks(language):
@@ -96,12 +106,12 @@ def sandbox(tmp_path_factory):
     """A folder with small studies of the names in the manual, the main one run, and old runs."""
     folder = tmp_path_factory.mktemp("manual")
     (folder / "configs").mkdir()
-    for name in ("main", "quick", "film", "soft_tissue", "soft_beam", "soft_free_ring"):
+    for name in (*DONE, *NEW):
         (folder / f"configs/{name}.yaml").write_text(SMALL)
     study = folder / "configs/main.yaml"
     code, output = run(new_environment(), "sweep", study, "--results", folder / "results")
     assert code == 0, output
-    for name in ("quick", "film"):
+    for name in DONE[1:]:
         shutil.copytree(folder / "results/main", folder / f"results/{name}")
     for name in ("old_runs", "OLD"):
         (folder / name).mkdir()
@@ -126,7 +136,7 @@ def here(command, folder):
     )
 
 
-@pytest.mark.parametrize("command", [each for each in COMMANDS if each != INSTALL])
+@pytest.mark.parametrize("command", different(each for each in COMMANDS if each != INSTALL))
 def test_a_command_of_the_manual_runs(command, sandbox, tmp_path, monkeypatch):
     monkeypatch.chdir(sandbox)
     shutil.rmtree("results/old", ignore_errors=True)  # which an import makes

@@ -9,12 +9,11 @@ import gsd.hoomd
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from soft_particles import chain, finished, points, ring, system
+from soft_particles import chain, finished, points, prepared, ring, system
 from tools import differences, read_table
 
 from shear_sim import models, runner, snapshots
 from shear_sim.accuracy import finish
-from shear_sim.models import soft_particle
 from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
 from shear_sim.plan import make_plan
@@ -234,7 +233,7 @@ def at_rest(system):
 def test_stress_of_a_suspension_is_that_of_its_contacts_and_cores(boundary, friction):
     """Without friction to round-off of the forces; recorded: with dashpots, most at the begin."""
     given = SUSPENSION(model={"friction": friction}, cell={"boundary": boundary})
-    simulation = soft_particle.start(given, Streams(3, 0))
+    simulation = prepared(given, 3)
     plates, away = boundary == "plates", []
     for row in range(simulation.rows):
         simulation.advance(1)

@@ -202,7 +202,7 @@ def test_kernels_that_do_not_compile_end_the_sweep_with_the_reason(tmp_path, env
 
 def test_the_first_line_comes_at_once_and_compilation_is_said_once(tmp_path, environment):
     environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
-    arguments = ("sweep", write_study(tmp_path), "--results", tmp_path / "results")
+    arguments = ("sweep", write_study(tmp_path, compiled=True), "--results", tmp_path / "results")
     process = start(environment, *arguments, "--limit", 2)
     assert process.stdout.readline().startswith("reading ")
     output, _ = process.communicate(timeout=120)
@@ -217,9 +217,8 @@ def test_the_first_line_comes_at_once_and_compilation_is_said_once(tmp_path, env
 def test_an_unwritable_code_cache_is_said_and_compiled_once(tmp_path, environment):
     (tmp_path / "file").write_text("")
     environment["SHEAR_SIM_CACHE"] = str(tmp_path / "file/cache")
-    code, output = run(
-        environment, "sweep", write_study(tmp_path), "--results", tmp_path / "results", "-j", 3
-    )
+    study = write_study(tmp_path, compiled=True)
+    code, output = run(environment, "sweep", study, "--results", tmp_path / "results", "-j", 3)
     assert code == 0
     assert output.count("compiled code cannot be kept") == 1
     assert output.count("compiling the kernels") == 1
@@ -358,7 +357,8 @@ def test_a_warning_before_the_first_job_has_the_task_requeued(tmp_path, environm
 
 def test_a_signal_while_compiling_stops_at_once(tmp_path, environment):
     environment["SHEAR_SIM_CACHE"] = str(tmp_path / "cache")
-    process = start(environment, "sweep", write_study(tmp_path), "--results", tmp_path / "results")
+    study = write_study(tmp_path, compiled=True)
+    process = start(environment, "sweep", study, "--results", tmp_path / "results")
     for line in process.stdout:
         if line.startswith("compiling"):
             break

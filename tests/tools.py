@@ -30,9 +30,10 @@ seed: 5
 """
 
 
-def write_study(folder, faults="[none]", seconds=0.0, replicates=4):
+def write_study(folder, faults="[none]", seconds=0.0, replicates=4, *, compiled=False):
     path = folder / "study.yaml"
-    path.write_text(STUDY.format(faults=faults, seconds=seconds, replicates=replicates))
+    text = STUDY.format(faults=faults, seconds=seconds, replicates=replicates)
+    path.write_text(text.replace("noise: 0.3", "noise: 0.3, compiled: true") if compiled else text)
     return path
 
 

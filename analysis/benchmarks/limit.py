@@ -2,9 +2,9 @@
 
 .venv/bin/python analysis/benchmarks/limit.py
 
-Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and the numbers
-that are stored one by one where pairs meet discs. Per disc: every array once through memory. Counts
-are those of our method; another method has others.
+Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and rows of four
+numbers whose differences are taken, and that are added to, where pairs meet discs. Per disc: every
+array once through memory. Counts are those of our method; another method has others.
 """
 
 import argparse
@@ -16,25 +16,30 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.quads import add, load, store, subtract, zeros_in_lines
+
 FloatArray = NDArray[np.float64]
 
-# Of the force on a pair, counted in the machine code of `pair_forces`.
-DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73
-# Of a pair that meets its discs: six differences and six sums, each stored by itself.
-STORES = 12
+# Of the force on a pair, counted in the machine code of `pair_forces`; and 6.5 operations on four
+# numbers that turn rows into columns and back.
+DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73 + 26
+# Rows of four of a pair and its discs: differences, and rows that a force is added to.
+DIFFERENCES, SUMS = 2, 2
 # Bytes that a step reads and writes: of a pair its table (10 numbers, 5 of them written too, and
-# two indices), of a disc 26 numbers, 12 of them written too.
-PAIR_BYTES, DISC_BYTES = 8 * 15 + 8, 8 * 38
+# two indices), of a disc 36 numbers, 22 of them written too.
+PAIR_BYTES, DISC_BYTES = 8 * 15 + 8, 8 * 58
 REPEATS = 15
 
 
 class Machine(NamedTuple):
-    """Measured times [s]: of one number each, as part of a vector or, stores, by itself."""
+    """Measured times [s]: of one number each, as part of a vector or not, and of a row of four."""
 
     division: float
     root: float
     operation: float
-    store: float
+    store: float  # by itself
+    difference: float
+    sum: float
     sizes: FloatArray  # of what is read and written again and again [bytes]
     byte: FloatArray  # time of one byte at these sizes
 
@@ -63,9 +68,23 @@ def _multiply_and_add(a: FloatArray, b: FloatArray) -> None:
 
 
 @numba.njit
+def _difference(index: NDArray[np.uint32], rows: FloatArray, between: FloatArray) -> None:
+    for i in range(index.shape[0] // 2):
+        one, other = load(rows, index[2 * i]), load(rows, index[2 * i + 1])
+        store(between, 4 * (i % 64), subtract(other, one))
+
+
+@numba.njit
 def _scatter(index: NDArray[np.uint32], a: FloatArray, b: FloatArray) -> None:
     for i in range(index.shape[0]):
         b[index[i]] += a[i]
+
+
+@numba.njit
+def _sum(index: NDArray[np.uint32], rows: FloatArray, force: FloatArray) -> None:
+    one = load(force, 0)
+    for i in range(index.shape[0]):
+        store(rows, index[i], add(load(rows, index[i]), one))
 
 
 @numba.njit
@@ -99,8 +118,10 @@ def measure() -> Machine:
         return _fastest(lambda: _again(kernel, times, a, b)) / (times * n)
 
     rng = np.random.default_rng(0)
-    index = np.concatenate([rng.permutation(n) for _ in range(2000)]).astype(np.uint32)
+    index = 4 * np.concatenate([rng.permutation(n) for _ in range(2000)]).astype(np.uint32)
     values = rng.random(len(index))
+    rows, four = zeros_in_lines(4 * n), np.ones(4)
+    between = zeros_in_lines(256)
     sizes = 2.0 ** np.arange(14, 28)
     per_byte = []
     for size in sizes:
@@ -112,7 +133,9 @@ def measure() -> Machine:
         division=each(_divide),
         root=each(_root),
         operation=each(_multiply_and_add) / 15,
-        store=_fastest(lambda: _scatter(index, values, b)) / len(index),
+        store=_fastest(lambda: _scatter(index, values, rows)) / len(index),
+        difference=_fastest(lambda: _difference(index, rows, between)) / (len(index) // 2),
+        sum=_fastest(lambda: _sum(index, rows, four)) / len(index),
         sizes=sizes,
         byte=np.array(per_byte),
     )
@@ -127,7 +150,9 @@ def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, flo
         Pairs per disc whose forces are worked out.
     """
     arithmetic = DIVISIONS * machine.division + ROOTS * machine.root
-    arithmetic += OPERATIONS * machine.operation + STORES * machine.store
+    arithmetic += (
+        OPERATIONS * machine.operation + DIFFERENCES * machine.difference + SUMS * machine.sum
+    )
     size = PAIR_BYTES * pairs + DISC_BYTES
     byte = float(np.interp(np.log(discs * size), np.log(machine.sizes), machine.byte))
     return pairs * arithmetic, size * byte
@@ -136,7 +161,7 @@ def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, flo
 if __name__ == "__main__":
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     found = measure()
-    for name in ("division", "root", "operation", "store"):
+    for name in ("division", "root", "operation", "store", "difference", "sum"):
         print(f"{name:10s} {getattr(found, name) * 1e9:6.3f} ns")
     for size, byte in zip(found.sizes, found.byte, strict=True):
         print(f"{size / 2**20:8.3f} MB {1e-9 / byte:6.1f} GB/s")

@@ -31,6 +31,7 @@ tolerance.
 
 import functools
 import itertools
+import os
 import shutil
 import subprocess
 
@@ -116,8 +117,9 @@ def lammps(folder, simulation, style, *, every=1):
     )  # fmt: skip
     (folder / "in.lmp").write_text(script)
     done = subprocess.run(
-        [LMP, "-in", "in.lmp", "-screen", "none"], cwd=folder, check=False, timeout=120
-    )
+        [LMP, "-in", "in.lmp", "-screen", "none"], cwd=folder, check=False, timeout=120,
+        env={**os.environ, "TMPDIR": str(folder)},  # MPI: two that make its folder at once fail
+    )  # fmt: skip
     assert done.returncode == 0, (folder / "log.lammps").read_text()[-2000:]
     parts = (folder / "out.dump").read_text().split("ITEM: ATOMS " + " ".join(FIELDS))[1:]
     records = np.array([np.array(p.split("ITEM")[0].split(), float) for p in parts])

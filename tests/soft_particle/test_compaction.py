@@ -8,6 +8,8 @@ from soft_particles import (
     goes_on_to_the_same_bits,
     momentum,
     points,
+    prepared,
+    prepared_in_parts,
     ring,
     system,
 )
@@ -16,7 +18,6 @@ from shear_sim.models import soft_particle
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
-from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, read_study
 
 PACK = {"particles": 9, "vertices": 16, "spread": 0.15}
@@ -75,7 +76,7 @@ def test_what_a_compaction_measures(elastic):
     pressed = table["strain"] > 0.15
     assert table["stress_floor"][pressed] == pytest.approx(stress[pressed], rel=0.2)
     unit = elastic.run.unit
-    for way in ("xx", "yy"):
+    for way in ("xx", "yy", "floor"):
         scaled = table[f"stress_{way}"] * 1e-6 / unit.hinge
         assert table[f"stress_{way}_per_bending"] == pytest.approx(scaled)
         assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
@@ -186,7 +187,7 @@ def test_damping_inside_slows_no_particle():
 def test_rings_that_fell(tmp_path):
     """At rest but for what the lid gives them, without weight; the job's table is whole."""
     given = point(packing={"preparation": "gravity"}, shear={"strain": 0.1, "unload": False})
-    simulation = soft_particle.start(given, Streams(3, 0))
+    simulation = prepared(given, 3)
     run, system_ = simulation.run, simulation.run.system
     motion = system_.motion
     given_by_lid = -run.speed * motion.y / run.start
@@ -202,8 +203,94 @@ def test_rings_that_fell(tmp_path):
     assert result.summary["measured"]["start_void_ratio"] < 0.9
 
 
-def test_stop_and_go_on_to_the_same_bits():
-    given = point({"yield_moment": 0.1, "friction": 0.3}, shear={"strain": 0.1})
+def test_a_fall_may_be_stopped_and_shared():
+    """Nothing falls before it is asked to; in parts, from a file, on two threads: same bits."""
+    assert prepared_in_parts(point(packing={"preparation": "gravity", "rigid_share": 0.3})) > 2
+
+
+def test_rigid_particles_keep_their_shape():
+    """To round-off, while the others give way more; nothing is stored in them."""
+    soft = finished(point(shear={"strain": 0.1, "unload": False}))
+    given = point(
+        {"friction": 0.2}, {"rigid_share": 0.5}, shear={"strain": 0.1, "unload": False},
+        record={"rows": 40, "snapshots": [1]},
+    )  # fmt: skip
+    run = finished(given)
+    system_, rigid = run.run.system, run.run.rigid
+    assert len(rigid) == 4  # of 9
+    chains, motion = system_.chains, system_.motion
+    length = np.hypot(motion.x[chains.after] - motion.x, motion.y[chains.after] - motion.y)
+    strain = np.abs(length / chains.rest_length - 1)
+    held = np.isin(chains.chain, rigid)
+    assert strain[held].max() < 1e-11
+    assert strain[~held].max() > 1e-5
+    energies = system_.particle_energies()
+    assert energies[rigid].max() < 1e-12 * energies.max()
+    turned = np.abs(system_.rigid.angle)
+    assert turned.max() > 1e-3
+    measured = run.summary()["measured"]
+    assert measured["energy_missing_ratio"] < 1e-4
+    assert run.columns()["stress_yy"][-1] > 1.5 * soft.columns()["stress_yy"][-1]
+    assert not run.snapshots[-1].fixed.any()  # they do move
+    more = prepared(point(packing={"rigid_share": 0.8})).run.rigid
+    assert set(rigid) < set(more)  # so that studies of the share compare in pairs
+
+
+def test_a_lid_under_a_load():
+    """Lid and floor bear what is imposed, and it does the same work and strain as a slow lid."""
+    slow = {"relative_rate": 0.01}
+    driven = finished(point(shear=slow | {"strain": 0.6, "largest_stress": 1.0}))
+    run = finished(point(shear=slow | {"control": "load", "strain": 0.6, "largest_stress": 1.0}))
+    table = run.columns()
+    assert len(table["time"]) == 41
+    top = 20
+    assert int(table["strain"].argmax()) in (top - 1, top, top + 1)
+    period = run.run.unit.period
+    ramp = np.interp(table["time"], np.array([0, 100, 200]) * period, [0, 1, 0])
+    imposed = table["imposed_stress_per_bending"]
+    assert imposed[1:] == pytest.approx(ramp[1:], abs=0.5 / 20 / 10 * 1.01)
+    unit = run.run.unit.hinge / run.run.radius**2
+    assert table["imposed_stress"] == pytest.approx(imposed * unit)
+    assert table["imposed_stress_per_modulus"] == pytest.approx(imposed * unit / 1e6)
+    assert table["stress_yy_per_bending"][3:-2] == pytest.approx(imposed[3:-2], abs=0.03)
+    assert table["stress_floor_per_bending"][3:-2] == pytest.approx(imposed[3:-2], abs=0.08)
+    work = np.trapezoid(table["imposed_stress"][: top + 1], -table["box_area"][: top + 1])
+    assert table["work"][top] == pytest.approx(work, rel=0.03)
+    loading = driven.columns()
+    there = int(loading["strain"].argmax())
+    strain = np.interp(
+        [0.2, 0.5, 0.9],
+        loading["stress_yy_per_bending"][: there + 1],
+        loading["strain"][: there + 1],
+    )
+    found = np.interp([0.2, 0.5, 0.9], imposed[: top + 1], table["strain"][: top + 1])
+    assert found == pytest.approx(strain, abs=0.02)
+    assert run.summary()["measured"]["energy_missing_ratio"] < 1e-4
+
+
+def test_a_loaded_lid_turns_at_its_strain():
+    shear = {"control": "load", "strain": 0.1, "largest_stress": 1.0, "relative_rate": 0.02}
+    run = finished(point(shear=shear))
+    table = run.columns()
+    assert run.done == run.rows < 41
+    top = (run.rows - 1) // 2
+    assert table["strain"][top] >= 0.1 > table["strain"][top - 1]
+    imposed = table["imposed_stress"]
+    assert 0.0 < imposed[-1] < 0.1 * imposed[1]
+    assert imposed.max() < 0.9 * run.run.unit.hinge / run.run.radius**2
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        point({"yield_moment": 0.1, "friction": 0.3}, shear={"strain": 0.1}),
+        point(
+            {"friction": 0.3}, {"rigid_share": 0.4},
+            shear={"control": "load", "largest_stress": 0.3, "relative_rate": 0.02},
+        ),
+    ],
+)  # fmt: skip
+def test_stop_and_go_on_to_the_same_bits(given):
     goes_on_to_the_same_bits(given, 15)
 
 
@@ -214,6 +301,12 @@ def test_stop_and_go_on_to_the_same_bits():
         ("shear: {kind: compaction}", "needs a box of rings"),
         ("packing: {spread: 0.1}", "no effect on a single ring"),
         ("packing: {preparation: gravity}", "no effect on a single ring"),
+        ("packing: {rigid_share: 0.1}", "no effect on a single ring"),
+        (
+            "shear: {kind: oscillatory}\npacking: {particles: 30, rigid_share: 0.1}",
+            "rigid particles are for a box under a lid",
+        ),
+        ("shear: {kind: compaction, control: load}\npacking: {particles: 9}", "needs the stress"),
         ("shear: {kind: compaction, compression: 0.2}\npacking: {particles: 9}", "compression"),
     ],
 )

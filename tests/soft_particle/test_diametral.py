@@ -58,6 +58,16 @@ def test_an_elastic_ring_follows_the_elastica(elastic):
     beta = 1 - loading["compression"][flat]
     assert loading["scaled_force"][flat] == pytest.approx(1.43554 / beta**2, rel=0.03)
     assert loading["area_ratio"][flat] == pytest.approx(2 * beta - 1.01253 * beta**2, abs=0.002)
+    # Between stadium and ellipse of the same perimeter, paper (27), (26); at first as a thin ring
+    # under two forces does, by (2/π − 1/2)/(π/4 − 2/π) of the way of the plates.
+    e, width = loading["compression"], loading["width_ratio"]
+    small = np.interp(0.02, e, width) - 1
+    assert small / 0.02 == pytest.approx((2 / np.pi - 0.5) / (np.pi / 4 - 2 / np.pi), rel=0.03)
+    later = e > 0.02
+    e, width = e[later], width[later]
+    ellipse = 3 * (width + 1 - e) - np.sqrt((width + 3 * (1 - e)) * (3 * width + 1 - e))
+    assert np.all(ellipse < 2)
+    assert np.all(width > 1 + (np.pi / 2 - 1) * e)
     measured = elastic.summary()["measured"]
     assert measured["contact_onset"] == pytest.approx(0.2822, abs=0.01)
     assert measured["contact_slope"] == pytest.approx(2.188, abs=0.1)
@@ -184,11 +194,15 @@ def test_a_job_through_the_runner(tmp_path):
     assert result.summary["status"] == "completed"
 
 
-def test_plates_that_are_too_soft_stop_the_run():
+def test_plates_that_are_too_soft_stop_the_run(tmp_path):
+    """And a run that was stopped has no result."""
     given = point(12, model={"thickness": 0.02, "contact_stiffness": 0.001},
                   shear={"compression": 0.7, "relative_rate": 0.05})  # fmt: skip
-    with pytest.raises(SimulationError, match=r"stopped at t = .* s \(step \d+\): .* or a wall: a"):
-        finished(given)
+    with pytest.raises(
+        SimulationError, match=r"stopped at t = .* s \(step \d+\): .* 0 .* or a wall: a"
+    ):
+        run_job(Job.create(given, seed=0, replicate=0), tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

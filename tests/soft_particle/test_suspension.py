@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from soft_particles import finished, goes_on_to_the_same_bits, points
+from soft_particles import finished, goes_on_to_the_same_bits, points, prepared, prepared_in_parts
 
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import SimulationError
@@ -10,7 +10,6 @@ from shear_sim.models.soft_particle import scenario
 from shear_sim.models.soft_particle.packs import loose_discs
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
-from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, read_study
 
 PACKING = {"particles": 12, "vertices": 12, "spread": 0.1, "packing_fraction": 0.98}
@@ -51,8 +50,13 @@ def test_what_a_run_measures(boundary, tmp_path):
     wave = 0.2 * np.sin(2 * np.pi * table["time"] / period)
     assert table["strain"] == pytest.approx(wave, abs=1e-12)
     assert np.array_equal(table["shear_stress"], -table["stress_xy"])
-    for way in ("xx", "xy", "yy"):
-        assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
+    radius = 1e-3
+    length = 2 * radius * np.sin(np.pi / PACKING["vertices"])
+    bending = 1e6 * (MODEL["thickness"] * radius) ** 3 / 12 / length  # k_b, (SP.2)
+    for name in ("stress_xx", "stress_xy", "stress_yx", "stress_yy", "shear_stress", "pressure"):
+        assert table[f"{name}_per_modulus"] == pytest.approx(table[name] / 1e6)
+        scaled = table[name] * radius**2 / bending
+        assert table[f"{name}_per_bending"] == pytest.approx(scaled)
 
     measured = summary["measured"]
     shares = [measured[f"{name}_loss_share"] for name in ("yield", "friction", "damping", "drag")]
@@ -75,7 +79,7 @@ def test_what_a_run_measures(boundary, tmp_path):
 
 def test_a_suspension_starts_pressed_together_and_at_rest():
     given = point({"core_ratio": 100.0})
-    run = soft_particle.start(given, Streams(0, 0)).run
+    run = prepared(given).run
     chains, system = run.system.chains, run.system
     sides = np.add.reduceat(chains.rest_length, chains.start[:-1])
     r = chains.radius
@@ -88,10 +92,15 @@ def test_a_suspension_starts_pressed_together_and_at_rest():
     assert abs(stress[1]) < 0.2 * stress[0]
 
 
+def test_a_preparation_may_be_stopped_and_shared():
+    """Nothing is done before it is asked for; in parts, from a file, on two threads: same bits."""
+    assert prepared_in_parts(point({"friction": 0.2}, {"particles": 16})) > 2
+
+
 def test_rings_that_never_rest_are_refused(monkeypatch):
     monkeypatch.setattr(scenario, "LONGEST_REST", 2)
     with pytest.raises(SimulationError, match="not at rest 2 periods"):
-        soft_particle.start(point(), Streams(0, 0))
+        prepared(point())
 
 
 def test_core_and_yield_change_the_moduli():
@@ -114,7 +123,7 @@ def test_core_and_yield_change_the_moduli():
 
 def test_plates_stand_still_and_their_images_move():
     """Glued rings keep their places, which takes no work; the others are sheared."""
-    simulation = soft_particle.start(point(cell={"boundary": "plates"}), Streams(0, 0))
+    simulation = prepared(point(cell={"boundary": "plates"}))
     motion, held = simulation.run.system.motion, simulation.run.system.held
     place = motion.x[held].copy(), motion.y[held].copy()
     free = np.setdiff1d(np.arange(len(motion.x)), held)

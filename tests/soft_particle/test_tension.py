@@ -57,7 +57,10 @@ def test_what_a_tension_measures(elastic):
     floor, lid = table["stress_floor"][:peak].mean(), table["stress_yy"][:peak].mean()
     assert floor == pytest.approx(lid, rel=0.05)
     unit = elastic.run.unit
-    assert table["stress_yy_per_bending"] == pytest.approx(table["stress_yy"] * 1e-6 / unit.hinge)
+    for way in ("yy", "floor"):
+        scaled = table[f"stress_{way}"] * 1e-6 / unit.hinge
+        assert table[f"stress_{way}_per_bending"] == pytest.approx(scaled)
+        assert table[f"stress_{way}_per_modulus"] == pytest.approx(table[f"stress_{way}"] / 1e6)
     assert table["mean_cell_energy"] * 30 * made["link_energy"] == pytest.approx(
         table["energy_stretch"] + table["energy_bend"] + table["energy_core"], rel=1e-9
     )

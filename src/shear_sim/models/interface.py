@@ -52,7 +52,8 @@ class Snapshot(NamedTuple):
     forces on fixed vertices at the line y = 0: their y is to be taken as 0, so that their cores add
     nothing to yy. Of a box or a tissue the recorded one is that on walls or grips, and its area is
     not that of the picture: in a box without friction the sum over ``box_area`` is the mean of
-    floor and lid to 1 %, and that of the sides to 2 %.
+    floor and lid to 1 %, and that of the sides to 2 %; rigid particles have no springs inside, and
+    their part is missing.
     """
 
     row: int  # of the result table

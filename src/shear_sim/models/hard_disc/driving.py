@@ -159,7 +159,7 @@ class SelfPropelled:
         self._section = section
         self._mobility = mobility
         self._rng = streams.generator("propulsion")
-        force = np.array([self._force() for _ in mobility]).T
+        force = np.array([self._force() for _ in mobility]).T.copy()  # rows, as kernels expect
         self.drive = Drive(0.0, 0.0, 0.0, mobility * force)
         self._ends = [(self._persistence(), disc) for disc in range(len(mobility))]
         heapq.heapify(self._ends)

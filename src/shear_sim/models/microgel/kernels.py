@@ -78,6 +78,7 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.prefetch import prefetch
+from shear_sim.quads import Quad, add, load, multiply, store, subtract, transpose
 from shear_sim.threads import Meeting, add_up, bits, largest_of, meet, number
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
@@ -96,6 +97,9 @@ CACHED_ROWS = 100  # so many rows of Pairs.table lie in the cache anyway: half a
     DX, DY, CX, CY, RIMS, ROLLED, LX, LY, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
     ELASTIC, VN, VT, BEFORE, SLID,
 ) = range(0, BLOCK_ROWS * LANES, LANES)  # fmt: skip
+
+ONE, TWO, THREE = np.uint64(1), np.uint64(2), np.uint64(3)
+FOUR, SIX, SEVEN, EIGHT = np.uint64(4), np.uint64(6), np.uint64(7), np.uint64(8)
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -121,35 +125,101 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
 
 
 @jit(_nrt=False)
-def gather(
-    x: Floats, y: Floats, cx: Floats, cy: Floats, rim: Floats, rolled: Floats,
-    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
-) -> None:  # fmt: skip
-    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``."""
+def write_rows(discs: Discs, work: Work) -> None:
+    """Write to ``work.disc_rows`` what pairs ask of this thread's discs, eight numbers each.
+
+    Position and predicted velocity; then velocity of the rim, its displacement in the step that
+    ends now, and the place in the cell (of the last record).
+    """
+    rows, begin, end = work.disc_rows, work.begin, work.end
+    whole = end - (end - begin) % FOUR
+    for a in range(begin, whole, FOUR):
+        at = a * EIGHT
+        p, q, r, s = transpose(
+            load(discs.x, a), load(discs.y, a), load(work.px, a), load(work.py, a)
+        )
+        store(rows, at, p)
+        store(rows, at + EIGHT, q)
+        store(rows, at + TWO * EIGHT, r)
+        store(rows, at + THREE * EIGHT, s)
+        radius = load(discs.radius, a)
+        p, q, r, s = transpose(
+            multiply(radius, load(work.pspin, a)), multiply(radius, load(work.turn, a)),
+            load(work.lx, a), load(work.ly, a),
+        )  # fmt: skip
+        store(rows, at + FOUR, p)
+        store(rows, at + EIGHT + FOUR, q)
+        store(rows, at + TWO * EIGHT + FOUR, r)
+        store(rows, at + THREE * EIGHT + FOUR, s)
+    for a in range(whole, end):
+        row = (
+            discs.x[a], discs.y[a], work.px[a], work.py[a],
+            discs.radius[a] * work.pspin[a], discs.radius[a] * work.turn[a],
+            work.lx[a], work.ly[a],
+        )  # fmt: skip
+        for n in range(8):
+            rows[a * EIGHT + np.uint64(n)] = row[n]
+
+
+@jit(_nrt=False)
+def gather(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
+    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``.
+
+    ``rows``: what `write_rows` wrote.
+    """
     at = np.uint64(first)
-    for s in range(m):
-        a = i[at + np.uint64(s)]
-        b = j[at + np.uint64(s)]
-        block[DX + s] = x[b] - x[a]
-        block[DY + s] = y[b] - y[a]
-        block[CX + s] = cx[b] - cx[a]
-        block[CY + s] = cy[b] - cy[a]
+    whole = m - m % 4
+    for s in range(0, whole, 4):
+        p = at + np.uint64(s)
+        q, r, t = p + ONE, p + TWO, p + THREE
+        a, b, c, d = i[p] * EIGHT, i[q] * EIGHT, i[r] * EIGHT, i[t] * EIGHT
+        e, f, g, h = j[p] * EIGHT, j[q] * EIGHT, j[r] * EIGHT, j[t] * EIGHT
+        dx, dy, cx, cy = transpose(
+            subtract(load(rows, e), load(rows, a)), subtract(load(rows, f), load(rows, b)),
+            subtract(load(rows, g), load(rows, c)), subtract(load(rows, h), load(rows, d)),
+        )  # fmt: skip
+        store(block, DX + s, dx)
+        store(block, DY + s, dy)
+        store(block, CX + s, cx)
+        store(block, CY + s, cy)
         if TANGENTIAL:
-            block[RIMS + s] = rim[b] + rim[a]
-            block[ROLLED + s] = rolled[b] + rolled[a]
+            rims, rolled, _, _ = transpose(
+                add(load(rows, e + FOUR), load(rows, a + FOUR)),
+                add(load(rows, f + FOUR), load(rows, b + FOUR)),
+                add(load(rows, g + FOUR), load(rows, c + FOUR)),
+                add(load(rows, h + FOUR), load(rows, d + FOUR)),
+            )
+            store(block, RIMS + s, rims)
+            store(block, ROLLED + s, rolled)
+    for s in range(whole, m):
+        a, b = i[at + np.uint64(s)] * EIGHT, j[at + np.uint64(s)] * EIGHT
+        for n in range(6):
+            one, other = rows[a + np.uint64(n)], rows[b + np.uint64(n)]
+            block[n * LANES + s] = other - one if n < 4 else other + one
 
 
 @jit(inner=True)
 def gather_places(
-    lx: Floats, ly: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
+    rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
 ) -> None:
     """Write to ``block`` what lies between the places in the cell, for `stress_of`."""
     at = np.uint64(first)
-    for s in range(m):
-        a = i[at + np.uint64(s)]
-        b = j[at + np.uint64(s)]
-        block[LX + s] = lx[b] - lx[a]
-        block[LY + s] = ly[b] - ly[a]
+    whole = m - m % 4
+    for s in range(0, whole, 4):
+        p = at + np.uint64(s)
+        q, r, t = p + ONE, p + TWO, p + THREE
+        _, _, lx, ly = transpose(
+            subtract(load(rows, j[p] * EIGHT + FOUR), load(rows, i[p] * EIGHT + FOUR)),
+            subtract(load(rows, j[q] * EIGHT + FOUR), load(rows, i[q] * EIGHT + FOUR)),
+            subtract(load(rows, j[r] * EIGHT + FOUR), load(rows, i[r] * EIGHT + FOUR)),
+            subtract(load(rows, j[t] * EIGHT + FOUR), load(rows, i[t] * EIGHT + FOUR)),
+        )
+        store(block, LX + s, lx)
+        store(block, LY + s, ly)
+    for s in range(whole, m):
+        a, b = i[at + np.uint64(s)] * EIGHT, j[at + np.uint64(s)] * EIGHT
+        block[LX + s] = rows[b + SIX] - rows[a + SIX]
+        block[LY + s] = rows[b + SEVEN] - rows[a + SEVEN]
 
 
 @jit(inner=True)
@@ -275,22 +345,56 @@ def pair_forces(
 
 
 @jit(inner=True)
-def scatter(
-    fx: Floats, fy: Floats, torque: Floats,
-    i: Unsigned, j: Unsigned, first: int, m: int, block: Floats,
-) -> None:  # fmt: skip
-    """Add the forces of a block to those of its discs, and torques in units of the radius."""
+def push(rows: Floats, i: int, j: int, force: Quad) -> None:
+    """Add a force and its torque to the row of disc ``i``, and what they do to ``j``."""
+    a, b = i * FOUR, j * FOUR
+    store(rows, a, add(load(rows, a), force))
+    store(rows, b, add(load(rows, b), multiply((-1.0, -1.0, 1.0, 1.0), force)))
+
+
+@jit(inner=True)
+def scatter(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
+    """Add the forces of a block to the rows of its discs: force, and torque by radius."""
     at = np.uint64(first)
-    for s in range(m):
-        a = i[at + np.uint64(s)]
-        b = j[at + np.uint64(s)]
-        fx[a] += block[FX + s]
-        fy[a] += block[FY + s]
-        fx[b] -= block[FX + s]
-        fy[b] -= block[FY + s]
+    whole = m - m % 4
+    none = (0.0, 0.0, 0.0, 0.0)
+    for s in range(0, whole, 4):
+        q = at + np.uint64(s)
+        twist = load(block, TWIST + s) if TANGENTIAL else none
+        f, g, h, k = transpose(load(block, FX + s), load(block, FY + s), twist, none)
+        push(rows, i[q], j[q], f)
+        push(rows, i[q + ONE], j[q + ONE], g)
+        push(rows, i[q + TWO], j[q + TWO], h)
+        push(rows, i[q + THREE], j[q + THREE], k)
+    for s in range(whole, m):
+        a, b = i[at + np.uint64(s)] * FOUR, j[at + np.uint64(s)] * FOUR
+        rows[a] += block[FX + s]
+        rows[a + ONE] += block[FY + s]
+        rows[b] -= block[FX + s]
+        rows[b + ONE] -= block[FY + s]
         if TANGENTIAL:
-            torque[a] += block[TWIST + s]
-            torque[b] += block[TWIST + s]
+            rows[a + TWO] += block[TWIST + s]
+            rows[b + TWO] += block[TWIST + s]
+
+
+@jit(inner=True)
+def read_rows(discs: Discs, work: Work) -> None:
+    """Take forces and torques of this thread's discs from the rows that pairs have added to."""
+    rows, begin, end = work.force_rows, work.begin, work.end
+    fx, fy, torque = work.fx, work.fy, work.torque
+    whole = end - (end - begin) % FOUR
+    for a in range(begin, whole, FOUR):
+        x, y, twist, _ = transpose(
+            load(rows, a * FOUR), load(rows, (a + ONE) * FOUR),
+            load(rows, (a + TWO) * FOUR), load(rows, (a + THREE) * FOUR),
+        )  # fmt: skip
+        store(fx, a, x)
+        store(fy, a, y)
+        if TANGENTIAL:
+            store(torque, a, multiply(twist, load(discs.radius, a)))
+    for a in range(whole, end):
+        fx[a], fy[a] = rows[a * FOUR], rows[a * FOUR + ONE]
+        torque[a] = rows[a * FOUR + TWO] * discs.radius[a]
 
 
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
@@ -403,19 +507,15 @@ def contact_forces(
     """
     c = constants
     offset = strain * c.height - work.turns[0] * c.width
-    fx, fy, torque, block = work.fx, work.fy, work.torque, work.block
-    for a in range(work.begin, work.end):
-        fx[a] = 0.0
-        fy[a] = 0.0
-        torque[a] = 0.0
+    block = work.block
+    for a in range(work.begin * FOUR, work.end * FOUR):
+        work.force_rows[a] = 0.0
     block[CLOSEST:CLOSING] = 1.0
     block[CLOSING : CLOSING + LANES] = 0.0
-    if TANGENTIAL:
-        for a in range(work.begin, work.end):
-            work.rim[a] = discs.radius[a] * work.pspin[a]
-            work.rolled[a] = discs.radius[a] * work.turn[a]
     if record:
         places(discs, work, c, offset)
+    write_rows(discs, work)
+    if record:
         for s in range(work.lower, work.upper):
             for q in range(SUMS):
                 work.pair_sums[s, q] = 0.0
@@ -438,24 +538,19 @@ def contact_forces(
                 row = first // LANES
                 table = pairs.table[row]
                 fetch(pairs.table, row + 1, 0)
-                gather(
-                    discs.x, discs.y, work.px, work.py, work.rim, work.rolled,
-                    pairs.i, pairs.j, first, m, block,
-                )  # fmt: skip
+                gather(work.disc_rows, pairs.i, pairs.j, first, m, block)
                 fetch(pairs.table, row + 1, 1)
                 pair_forces(block, table, m, springs, c, offset, rate, h)
                 fetch(pairs.table, row + 1, 2)
                 # What falls on discs of another thread is never read.
-                scatter(fx, fy, torque, pairs.i, pairs.j, first, m, block)
+                scatter(work.force_rows, pairs.i, pairs.j, first, m, block)
                 fetch(pairs.table, row + 1, 3)
                 if record and work.lower <= strip < work.upper:
-                    gather_places(work.lx, work.ly, pairs.i, pairs.j, first, m, block)
+                    gather_places(work.disc_rows, pairs.i, pairs.j, first, m, block)
                     stress_of(block, table, m, elsewhere, work.pair_sums[strip])
                 if TALLY:
                     tally_pairs(work, table, m, springs, c)
-    if TANGENTIAL:
-        for a in range(work.begin, work.end):
-            torque[a] *= discs.radius[a]
+    read_rows(discs, work)
     work.closest[0], work.closest[1], work.closest[2] = 1.0, 1.0, 0.0
     for s in range(LANES):
         work.closest[0] = min(work.closest[0], block[CLOSEST + s])

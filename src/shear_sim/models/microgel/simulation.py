@@ -45,6 +45,7 @@ from shear_sim.models.microgel.state import (
 )
 from shear_sim.models.microgel.strips import edges_of, in_strips, in_threads
 from shear_sim.protocol import OscillatoryShear, Shear, snapshot_rows
+from shear_sim.quads import zeros_in_lines
 from shear_sim.threads import new_meeting
 
 FloatArray = NDArray[np.float64]
@@ -146,7 +147,7 @@ def make_work(n: int) -> Work:
         px=per_disc(), py=per_disc(), pspin=per_disc(),
         fx=per_disc(), fy=per_disc(), torque=per_disc(),
         ax=per_disc(), ay=per_disc(), aspin=per_disc(),
-        turn=per_disc(), rim=per_disc(), rolled=per_disc(),
+        turn=per_disc(), disc_rows=zeros_in_lines(8 * n), force_rows=zeros_in_lines(4 * n),
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
         strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),

@@ -52,8 +52,8 @@ def take(
     )  # fmt: skip
     contact = Springs(c.k, c.kt, c.eta, c.etat, 0.0, 0.0, 0.0, free if c.may_pull else 0.0)
     parts = [
-        _forces(kernels, discs, work, links, ALL, link, c, offset, rate, LINK),
-        _forces(kernels, discs, work, contacts, COUNT, contact, c, offset, rate, None),
+        _forces(kernels, work, links, ALL, link, c, offset, rate, LINK),
+        _forces(kernels, work, contacts, COUNT, contact, c, offset, rate, None),
     ]
     i, j, kind, dx, dy, fx, fy = (np.concatenate(both) for both in zip(*parts, strict=True))
     distance = np.maximum(np.hypot(dx, dy), 1e-300)
@@ -74,7 +74,6 @@ def take(
 
 def _forces(
     kernels: ModuleType,
-    discs: Discs,
     work: Work,
     pairs: Pairs,
     count: int,
@@ -99,10 +98,7 @@ def _forces(
     ]
     for first, m in blocks:
         table = pairs.table[first // LANES].copy()
-        kernels.gather(
-            discs.x, discs.y, work.px, work.py, work.rim, work.rolled, pairs.i, pairs.j, first, m,
-            block,
-        )  # fmt: skip
+        kernels.gather(work.disc_rows, pairs.i, pairs.j, first, m, block)
         # A step of no length moves no spring.
         kernels.pair_forces(block, table, m, springs, constants, offset, rate, 0.0)
         for row, name in zip(found, ("DX", "DY", "FX", "FY"), strict=True):

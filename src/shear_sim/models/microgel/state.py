@@ -74,8 +74,8 @@ class Work(NamedTuple):
     ay: Floats
     aspin: Floats
     turn: Floats  # rotation of each disc in the step that ends now
-    rim: Floats  # r × predicted spin [m/s]
-    rolled: Floats  # r × turn [m]
+    disc_rows: Floats  # (8 N,) what pairs ask of each disc, see ``write_rows``
+    force_rows: Floats  # (4 N,) force and torque / r that pairs have added up, and nothing
     x0: Floats  # position when the contact list was made
     y0: Floats
     wx: Ints  # image of the cell that a disc was in when the contact list was made

@@ -24,6 +24,7 @@ from shear_sim.models.microgel.state import (
     Pairs,
     Work,
 )  # fmt: skip
+from shear_sim.quads import zeros_in_lines
 from shear_sim.threads import new_meeting, together
 
 Rest = TypeVarTuple("Rest")
@@ -58,8 +59,7 @@ def shared_by(work: Work, threads: int) -> list[Work]:
                 "stored", "power", "energy",
             )  # fmt: skip
             own = own._replace(
-                fx=np.zeros(n), fy=np.zeros(n), torque=np.zeros(n),
-                block=np.zeros(BLOCK_ROWS * LANES),
+                force_rows=zeros_in_lines(4 * n), block=np.zeros(BLOCK_ROWS * LANES),
                 **{name: getattr(work, name).copy() for name in private},
             )  # fmt: skip
         works.append(own)
@@ -120,10 +120,6 @@ def in_threads(
         return result
 
     result = together(threads, works[0].meeting, call)
-    for own in works[1:]:
-        mine = slice(int(own.begin), int(own.end))
-        for name in ("fx", "fy", "torque"):
-            getattr(work, name)[mine] = getattr(own, name)[mine]
     links.table[:] = joined(own_links, works).table
     return joined(lists, works), *result[1:]
 

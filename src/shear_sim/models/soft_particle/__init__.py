@@ -25,7 +25,8 @@ each bar, M/ℓ at its ends. Paper (8), (9) have half of that.
     p = p₀ − K_Ω (A − A₀)/A₀,  p₀,  p₀ A₀/A  or  p₀ − K_Ω ln(A/A₀)                         (SP.5)
 
 A ring of N bars has K_∂Ω = k_s tan(π/N) by itself (paper (22); not 2π/N as in (23)), and with its
-core K_∂Ω + K_Ω: ``core_ratio`` η = K_Ω/K_∂Ω.
+core K_∂Ω + K_Ω: ``core_ratio`` η = K_Ω/K_∂Ω. A ring with p₀ > 0 is at rest in its shape: its bars
+have the tension p₀ ℓ/2 tan(π/N).
 
 **Contacts** of vertices with segments, Eqs. (SP.6) of ``contacts``, (SP.7) of ``friction``: a
 potential that counts everything once and is once continuously differentiable, friction that keeps

@@ -18,6 +18,7 @@ COLUMNS = (
     Column("stress_xy", "Pa", "of a sheared cell; between plates: their shear force / width"),
     Column("stress_yx", "Pa", "of a sheared cell; means nothing between plates"),
     Column("stress_floor", "Pa", "of a box: force of its floor (or lower grip) / width"),
+    Column("imposed_stress", "Pa", "of a lid under a load: that load / width"),
     Column("scaled_force", "1", "F R²/(E I)"),
     Column("stress_yy_per_modulus", "1", "stress_yy / E"),
     Column("stress_yy_per_bending", "1", "stress_yy / (k_b/R²)"),
@@ -25,6 +26,12 @@ COLUMNS = (
     Column("stress_xx_per_bending", "1", "stress_xx / (k_b/R²)"),
     Column("stress_xy_per_modulus", "1", "stress_xy / E"),
     Column("stress_xy_per_bending", "1", "stress_xy / (k_b/R²)"),
+    Column("stress_yx_per_modulus", "1", "stress_yx / E"),
+    Column("stress_yx_per_bending", "1", "stress_yx / (k_b/R²)"),
+    Column("stress_floor_per_modulus", "1", "stress_floor / E"),
+    Column("stress_floor_per_bending", "1", "stress_floor / (k_b/R²)"),
+    Column("imposed_stress_per_modulus", "1", "imposed_stress / E"),
+    Column("imposed_stress_per_bending", "1", "imposed_stress / (k_b/R²)"),
     Column("core_pressure", "Pa", "pressure of the core above that at rest"),
     Column("area_ratio", "1", "V/V₀, area inside the mid-line"),
     Column("width_ratio", "1", "a/b₀, width of the mid-line"),
@@ -59,6 +66,10 @@ COLUMNS = (
 DERIVED = (
     Column("shear_stress", "Pa", "−stress_xy"),
     Column("pressure", "Pa", "(stress_xx + stress_yy)/2, of a sheared cell"),
+    Column("shear_stress_per_modulus", "1", "shear_stress / E"),
+    Column("shear_stress_per_bending", "1", "shear_stress / (k_b/R²)"),
+    Column("pressure_per_modulus", "1", "pressure / E"),
+    Column("pressure_per_bending", "1", "pressure / (k_b/R²)"),
     Column("stretch_share", "1", "energy of bars / energy of hinges"),
     Column("void_ratio", "1", "e = box_area / solid_area − 1"),
     Column("solid_share", "1", "ΔV_s/ΔV: change of solid_area / that of box_area, since the start"),
@@ -112,10 +123,12 @@ MEASURED = tuple(
 def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
     """Return the derived columns whose stored columns are there."""
     out: Columns = {}
-    if "stress_xy" in columns:
-        out["shear_stress"] = -columns["stress_xy"]
-        if "stress_xx" in columns and "stress_yy" in columns:
-            out["pressure"] = 0.5 * (columns["stress_xx"] + columns["stress_yy"])
+    for unit in ("", "_per_modulus", "_per_bending"):
+        if f"stress_xy{unit}" in columns:
+            out[f"shear_stress{unit}"] = -columns[f"stress_xy{unit}"]
+            if f"stress_xx{unit}" in columns and f"stress_yy{unit}" in columns:
+                both = columns[f"stress_xx{unit}"] + columns[f"stress_yy{unit}"]
+                out[f"pressure{unit}"] = 0.5 * both
     if "energy_stretch" in columns and "energy_bend" in columns:
         bend = columns["energy_bend"]
         out["stretch_share"] = columns["energy_stretch"] / np.where(bend > 0.0, bend, np.nan)

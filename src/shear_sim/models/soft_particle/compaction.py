@@ -1,6 +1,7 @@
 """Rings in a box whose lid comes down and goes up: how they start, and what is measured."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from shear_sim.models.soft_particle.driving import Compaction
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
-from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
+from shear_sim.models.soft_particle.scenario import STILL, SYRUP, Rest, Scenario, more_drag
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 from shear_sim.streams import Streams
 
@@ -19,14 +20,27 @@ LOWEST = 0.03  # σ/σ* under which the pack has not set yet
 WEIGHT = 0.1  # weight of all rings / width / σ*, where they fall
 AIR = 0.01  # drag on vertices / (m ω₁) there
 FALLEN = 1e-6  # kinetic energy of rings that have fallen / (k_b · rings)
+PIECES = 10  # of a record, in each of which a load stays
 LEFT, RIGHT, FLOOR, LID = range(4)
 
 
+class Fall(NamedTuple):
+    """A part of the way of falling rings to their rest."""
+
+    weight: float  # put on all of them at its start / WEIGHT
+    drag: float  # see ``more_drag``
+    still: float  # see ``Rest``
+
+
+FALLS = (Fall(1.0, AIR, FALLEN), Fall(0.0, SYRUP, STILL), Fall(-1.0, SYRUP, STILL))
+
+
 class Compactor(Scenario):
-    """The run: a lid at a constant speed, at first where it touches, in the end there again."""
+    """The run: a lid at a constant speed or under a load, at first where it touches."""
 
     def __init__(self, point: SoftParticlePoint, shear: Compaction, streams: Streams) -> None:
         model, packing = point.model, point.packing
+        self.point, self.shear = point, shear
         self.unit = scales(model, packing.vertices, packing.radius)
         self.radius, self.modulus = packing.radius, model.young_modulus
         falling = packing.preparation == "gravity"
@@ -37,6 +51,8 @@ class Compactor(Scenario):
         )
         self.width = box.width * disc_radius(model) * packing.radius
         top = max(float(body.points[:, 1].max()) + body.radius for body in bodies)
+        self.loaded = shear.control == "load"
+        self.row = self.unit.mass * packing.vertices * math.sqrt(packing.particles)
         self.system = System(
             bodies,
             [
@@ -45,53 +61,101 @@ class Compactor(Scenario):
             ],
             stiffness=self.unit.stiffness,
             friction=model.friction,
+            tangential=model.tangential_ratio * self.unit.stiffness,
             contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
         )  # fmt: skip
-        self.settling = self._settle() if falling else 0.0
-        self.first = self.system.steps
-        top = self.start = float(self.system.motion.y.max()) + float(self.system.chains.radius[0])
-        self.system.walls.position[LID] = -top
-        self.frame = (0.0, 0.0, self.width, top)
+        rigid = round(packing.rigid_share * packing.particles)
+        picked = streams.generator("rigid").permutation(packing.particles)[:rigid]
+        self.rigid = np.sort(picked)
+        self.system.make_rigid(self.rigid)
         self.limit = math.inf if shear.largest_stress is None else shear.largest_stress
-        strokes = shear.strokes
-        self.one_way = max(1, (point.resolved().record.rows or 0) // strokes)
-        self.strokes = strokes
-        self.rows = strokes * self.one_way + 1
+        self.strokes = shear.strokes
+        self.planned = self.one_way = max(1, (point.resolved().record.rows or 0) // self.strokes)
+        self.rows = self.strokes * self.one_way + 1
         self.made = 0
-        way = top * (1.0 - math.exp(-shear.strain)) / self.one_way
-        speed = shear.relative_rate * top / self.unit.period
-        longest = point.integrator.step * self.system.stable_step
-        self.steps = math.ceil(way / speed / longest * (1.0 - 1e-9))
-        self.system.rules = self.system.rules._replace(step=way / speed / self.steps)
-        self.speed = speed
-        # All of the pack sets out at once: no front runs through it from the lid.
-        self.system.motion.vy[:] = -speed * self.system.motion.y / top
-        self.system.begin()
+        self.settling = 0.0
+        self.falls = list(FALLS) if falling else []
+        self.rest: Rest | None = None
+        self.ready = False
 
-    def _settle(self) -> float:
-        """Let the rings fall, come to rest, and lose their weight; return the time it took [s]."""
+    def prepare(self, periods: int) -> bool:
+        """Let the rings fall, come to rest, and lose their weight."""
         system, unit = self.system, self.unit
-        every = np.arange(len(system.motion.x))
-        weight = WEIGHT * UNIT * unit.hinge / self.radius**2 * self.width / len(every)
-        system.load(every, fy=-weight)
-        with more_drag(system, unit, AIR):
-            come_to_rest(system, unit, FALLEN)
-        with more_drag(system, unit):
-            come_to_rest(system, unit)
-            system.load(every, fy=weight)
-            come_to_rest(system, unit)
-        return system.time
+        for _ in range(periods):
+            if not self.falls:
+                break
+            fall = self.falls[0]
+            with more_drag(system, unit, fall.drag):
+                if self.rest is None:
+                    self._weigh(fall.weight)
+                    self.rest = Rest(fall.still)
+                if self.rest.go_on(system, unit):
+                    self.rest = None
+                    del self.falls[0]
+        if not self.falls and not self.ready:
+            self.settling = system.time
+            self._set_out()
+        return self.ready
+
+    def _weigh(self, weight: float) -> None:
+        every = np.arange(len(self.system.motion.x))
+        unit = WEIGHT * UNIT * self.unit.hinge / self.radius**2 * self.width / len(every)
+        self.system.load(every, fy=-weight * unit)
+
+    def _set_out(self) -> None:
+        """Bring the lid to where it touches, and start from there."""
+        system, shear, walls = self.system, self.shear, self.system.walls
+        self.first = system.steps
+        top = self.start = float(system.motion.y.max()) + float(system.chains.radius[0])
+        walls.position[LID] = -top
+        self.frame = (0.0, 0.0, self.width, top)
+        self.speed = shear.relative_rate * top / self.unit.period
+        way = top * (1.0 - math.exp(-shear.strain)) / self.one_way
+        each = way / self.speed
+        if self.loaded:
+            each = self.unit.period / shear.relative_rate / (self.one_way * PIECES)
+            walls.mass[LID] = self.row
+        longest = self.point.integrator.step * system.stable_step
+        self.steps = math.ceil(each / longest * (1.0 - 1e-9))
+        system.rules = system.rules._replace(step=each / self.steps)
+        if not self.loaded:
+            # All of the pack sets out at once: no front runs through it from the lid.
+            system.motion.vy[:] = -self.speed * system.motion.y / top
+            system.make_rigid(self.rigid)
+        system.begin()
+        self.ready = True
 
     def go_on(self) -> None:
         """Make the steps from one record to the next."""
         down = self.made < self.one_way
-        self.system.walls.velocity[LID] = self.speed if down else -self.speed
-        self.system.advance(self.steps)
+        if self.loaded:
+            for piece in range(PIECES):
+                self._bear(self.made + (piece + 0.5) / PIECES)
+                self.system.advance(self.steps)
+        else:
+            self.system.walls.velocity[LID] = self.speed if down else -self.speed
+            self.system.advance(self.steps)
         self.made += 1
-        if down and self._stress(LID, self.width) >= self.limit * self.unit.hinge / self.radius**2:
+        if down and self._far_enough():
             self.one_way = self.made
             self.rows = self.strokes * self.one_way + 1
+
+    def _bear(self, record: float) -> None:
+        """Put on the lid what it bears at a record; between two of them there is a part of it."""
+        share = min(record, 2.0 * self.one_way - record) / self.planned
+        stress = share * self.limit * self.unit.hinge / self.radius**2
+        self.system.walls.load[LID] = stress * self.width
+
+    def _far_enough(self) -> bool:
+        """Tell whether the lid is to turn before its time."""
+        if self.loaded:
+            return math.log(self.start / self._height()) >= self.shear.strain
+        bearing = self._stress(LID, self.width)
+        return bearing >= self.limit * self.unit.hinge / self.radius**2
+
+    def _height(self) -> float:
+        return -float(self.system.walls.position[LID])
 
     def _stress(self, wall: int, length: float) -> float:
         return float(self.system.walls.push[wall]) / length
@@ -99,23 +163,35 @@ class Compactor(Scenario):
     def record(self) -> dict[str, float]:
         """Return one record, see ``columns``."""
         system, width = self.system, self.width
-        height = -float(system.walls.position[LID])
+        height = self._height()
         stress = self._stress(LID, width)
+        floor = self._stress(FLOOR, width)
         sides = 0.5 * (self._stress(LEFT, height) + self._stress(RIGHT, height))
         solid, circularity = shapes(system.chains, system.motion)
+        imposed = {}
+        if self.loaded:
+            load = float(system.walls.load[LID]) / width
+            imposed = {
+                "imposed_stress": load,
+                "imposed_stress_per_modulus": load / self.modulus,
+                "imposed_stress_per_bending": load * self.radius**2 / self.unit.hinge,
+            }
         return {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": math.log(self.start / height),
             "stress_yy": stress,
             "stress_xx": sides,
-            "stress_floor": self._stress(FLOOR, width),
+            "stress_floor": floor,
             "stress_yy_per_modulus": stress / self.modulus,
             "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
             "stress_xx_per_modulus": sides / self.modulus,
             "stress_xx_per_bending": sides * self.radius**2 / self.unit.hinge,
+            "stress_floor_per_modulus": floor / self.modulus,
+            "stress_floor_per_bending": floor * self.radius**2 / self.unit.hinge,
             "box_area": width * height,
             "solid_area": solid,
             "circularity": circularity,
+            **imposed,
         } | ledger(system.budget())
 
     def preparation(self) -> dict[str, float]:

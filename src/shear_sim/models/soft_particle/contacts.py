@@ -179,10 +179,12 @@ def contact_forces(
                 w, a, b = 0.0, j, j
             if overlap <= 0.0 or coefficient == 0.0:
                 continue
+            apart = 1.0 - overlap / reach
             if kind == ONE_SIDED:
-                closest = min(closest, 1.0 - overlap / reach)
-            else:
-                nearest = min(nearest, 1.0 - overlap / reach)
+                if apart < closest:
+                    closest, work.near[0] = apart, v
+            elif apart < nearest:
+                nearest, work.near[1] = apart, v
             force = coefficient * rules.stiffness * overlap
             u = 1.0 - w
             fx[v] += force * nx
@@ -251,7 +253,8 @@ def wall_forces(
                         energy[SEPARATION] += 0.5 * lost * lost / rules.tangential
                         spring[w, first + v] = 0.0
                     continue
-                work.closest[0] = min(work.closest[0], 1.0 - overlap / r)
+                if 1.0 - overlap / r < work.closest[0]:
+                    work.closest[0], work.near[0] = 1.0 - overlap / r, first + v
                 force = stiffness * overlap
                 push += force
                 motion.fx[v] += force * nx

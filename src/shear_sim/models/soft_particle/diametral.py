@@ -34,12 +34,13 @@ class Diametral(Scenario):
             [Wall(0.0, 1.0, place), Wall(0.0, -1.0, place)],
             stiffness=self.unit.stiffness,
             friction=model.friction,
+            tangential=model.tangential_ratio * self.unit.stiffness,
             contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
         )
         rows = point.resolved().record.rows or 0
         self.rows = rows + 1
-        self.hollow = model.core_ratio == 0.0
+        self.hollow = self.system.chains.core_law[0] == HOLLOW
         side = PICTURE * packing.radius
         self.frame = (-0.5 * side, -0.5 * side, side, side)
         self.strokes = shear.strokes
@@ -91,9 +92,10 @@ class Diametral(Scenario):
         diameter = 2.0 * self.half
         pressure = 0.0
         if chains.core_law[0] != HOLLOW:
+            rest = float(chains.core_pressure[0])
             pressure = core_pressure(
-                chains.core_law[0], chains.core_stiffness[0], 0.0, chains.core_area[0], area
-            )
+                chains.core_law[0], chains.core_stiffness[0], rest, chains.core_area[0], area
+            ) - rest  # fmt: skip
         return {
             "time": system.time,
             "compression": 1.0 - gap / diameter,

@@ -1,10 +1,10 @@
 """What is done to soft particles: the section ``shear`` of a study."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from shear_sim.schema import PERCENT, Section, default_kind
+from shear_sim.schema import PERCENT, Impossible, Section, default_kind
 
 
 class DiametralCompression(Section):
@@ -100,9 +100,18 @@ class SoftParticleOscillatoryShear(Section):
 
 
 class Compaction(Section):
-    """A box of rings whose lid comes down at a constant speed, and goes up again."""
+    """A box of rings whose lid comes down, and goes up again."""
 
     kind: Literal["compaction"]
+    control: Annotated[
+        Literal["speed", "load"],
+        Field(
+            exclude_if=lambda value: value == "speed",
+            description="speed: the lid has a constant one. load: it is as heavy as a row of "
+            "particles, and moves by itself under a stress that grows to largest_stress at a "
+            "constant rate; ours",
+        ),
+    ] = "speed"
     strain: Annotated[
         float, Field(gt=0, le=1, description="ε = ln(H₀/H) reached, at most; section 5"), PERCENT
     ] = 0.3
@@ -115,11 +124,23 @@ class Compaction(Section):
     ] = None
     relative_rate: Annotated[
         float,
-        Field(gt=0, le=0.05, description="ε̇ T₁: strain in one period of the slowest mode; ours"),
+        Field(
+            gt=0,
+            le=0.05,
+            description="ε̇ T₁: strain in one period of the slowest mode; or, with control: load, "
+            "stress in one period / largest_stress; ours",
+        ),
     ] = 0.003
     unload: Annotated[bool, Field(description="let the lid go up to where it was; section 5")] = (
         True
     )
+
+    @model_validator(mode="after")
+    def _load_up_to_a_stress(self) -> Self:
+        if self.control == "load" and self.largest_stress is None:
+            message = "a lid under a load needs the stress it grows to: largest_stress = 0.5, say"
+            raise Impossible([(("largest_stress", "control"), message)])
+        return self
 
     @property
     def strokes(self) -> int:

@@ -10,6 +10,7 @@ from shear_sim.models.soft_particle.driving import (
     Bending,
     Compaction,
     DiametralCompression,
+    OuterPressure,
     SoftParticleOscillatoryShear,
     SoftParticleShear,
     Tension,
@@ -73,6 +74,17 @@ class SoftParticlePacking(Section):
             "fill it; section 6"
         ),
     ] = "discs"
+    rigid_share: Annotated[
+        float,
+        Field(
+            ge=0,
+            lt=1,
+            exclude_if=lambda value: value == 0,
+            description="of the particles of a box, picked at random, that keep their shape; "
+            "section 2.4",
+        ),
+        PERCENT,
+    ] = 0.0
     vertices: Annotated[
         int,
         Field(
@@ -90,7 +102,11 @@ class SoftParticlePacking(Section):
     @model_validator(mode="after")
     def _one_ring_is_of_one_size(self) -> Self:
         if self.particles == 1:
-            keys = {"spread": self.spread > 0, "preparation": self.preparation != "discs"}
+            keys = {
+                "spread": self.spread > 0,
+                "preparation": self.preparation != "discs",
+                "rigid_share": self.rigid_share > 0,
+            }
             message = "has no effect on a single ring"
             if any(keys.values()):
                 raise Impossible([((key, "particles"), message) for key in keys if keys[key]])
@@ -147,13 +163,26 @@ class SoftParticle(Section):
         Positive, Field(description="mass of a particle / its area π R² [kg/m³]; section 2.4")
     ] = 1000.0
     core: Annotated[
-        Literal["none", "elastic", "log"],
-        Field(description="pressure of the core: −K ΔA/A₀, or −K ln(A/A₀); SP.5"),
+        Literal["none", "elastic", "drained", "gas", "log"],
+        Field(
+            description="pressure of the core: elastic p₀ − K ΔA/A₀, drained p₀, gas p₀ A₀/A, "
+            "log p₀ − K ln(A/A₀); SP.5"
+        ),
     ] = "log"
     core_ratio: Annotated[
         float,
         Field(
             ge=0, le=1e4, description="η = K_Ω / (k_s tan(π/N)); 100 is incompressible; paper (24)"
+        ),
+    ] = 0.0
+    core_pressure: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=1,
+            exclude_if=lambda value: value == 0,
+            description="p₀ / (k_s tan(π/N)), with the bars of the ring tense by as much: turgor "
+            "of a particle at rest; K_Ω of a gas; ours",
         ),
     ] = 0.0
     yield_moment: Annotated[
@@ -164,12 +193,25 @@ class SoftParticle(Section):
     ] = None
     yield_force: Annotated[
         float | None,
-        Field(gt=0, description="F_s^Y / E h; none: bars never yield; SP.3"),
+        Field(
+            gt=0,
+            description="F_s^Y (1 − ν²)/E h, which is σ^Y (1 − ν²)/E by paper (12); none: bars "
+            "never yield; SP.3",
+        ),
     ] = None
     friction: Annotated[float, Field(ge=0, le=10, description="Coulomb μ of contacts; SP.7")] = 0.0
     contact_stiffness: Annotated[
         float, Field(gt=0, le=1000, description="k_n / (k_b/ℓ²) of the shell; SP.6")
     ] = 10.0
+    tangential_ratio: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1,
+            exclude_if=lambda value: value == 1,
+            description="k_t / k_n of contacts, k_t also at walls; SP.7",
+        ),
+    ] = 1.0
     damping: Annotated[
         float,
         Field(ge=0, le=1, description="of bars and hinges, fraction of critical; ours"),
@@ -293,6 +335,9 @@ class SoftParticlePoint(Point):
             only = "a suspension (shear.kind: oscillatory)"
             message = f"has no effect on {only}" if sheared else f"is for {only} only"
             raise Impossible([((key, "shear.kind"), message) for key in keys if keys[key]])
+        if self.packing.rigid_share > 0 and self.shear.kind != "compaction":
+            message = "rigid particles are for a box under a lid (shear.kind: compaction) only"
+            raise Impossible([(("packing.rigid_share", "shear.kind"), message)])
         return self
 
     @model_validator(mode="after")
@@ -346,12 +391,54 @@ class SoftParticlePoint(Point):
 
     @model_validator(mode="after")
     def _have_a_core(self) -> Self:
-        if self.model.core == "none" and self.model.core_ratio > 0:
-            message = "a particle without a core has no core_ratio: leave one of both out"
-            raise Impossible([(("model.core_ratio", "model.core"), message)])
-        if isinstance(self.shear, Bending) and self.model.core_ratio > 0:
+        model, keys = self.model, ("model.core_ratio", "model.core_pressure")
+        given = [key for key in keys if getattr(model, key.removeprefix("model.")) > 0]
+        if isinstance(self.shear, Bending) and given:
             message = "a beam is open and has no core: leave it out"
-            raise Impossible([(("model.core_ratio", "shear.kind"), message)])
+            raise Impossible([((key, "shear.kind"), message) for key in given])
+        if model.core == "none" and given:
+            message = "a particle without a core has no {}: leave one of both out"
+            raise Impossible(
+                [((key, "model.core"), message.format(key.removeprefix("model."))) for key in given]
+            )
+        if model.core in ("drained", "gas"):
+            if model.core_ratio > 0:
+                message = (
+                    "a drained core has no stiffness, and that of a gas is its pressure: leave "
+                    "core_ratio out, or core: log"
+                )
+                raise Impossible([(("model.core_ratio", "model.core"), message)])
+            if model.core_pressure == 0:
+                message = (
+                    f"a {model.core} core is nothing without its pressure: core_pressure = 0.01, "
+                    "say"
+                )
+                raise Impossible([(("model.core", "model.core_pressure"), message)])
+        elif model.core_pressure > 0 and model.core_ratio == 0:
+            message = "a pressure that does not change is core: drained; or give a core_ratio"
+            raise Impossible([(("model.core_pressure", "model.core"), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _be_at_rest_under_the_pressure(self) -> Self:
+        pressure = self.model.core_pressure
+        if pressure == 0:
+            return self
+        if isinstance(self.shear, OuterPressure | Tension):
+            message = (
+                "only what is inside less what is outside counts: leave core_pressure out"
+                if isinstance(self.shear, OuterPressure)
+                else "cells with corners are not at rest under a pressure, rings are: leave "
+                "core_pressure out"
+            )
+            raise Impossible([(("model.core_pressure", "shear.kind"), message)])
+        limit = self.model.yield_force
+        if limit is not None and limit <= 0.5 * pressure:
+            message = (
+                f"the bars bear half of core_pressure at rest, and yield: yield_force over "
+                f"{0.5 * pressure:g}"
+            )
+            raise Impossible([(("model.yield_force", "model.core_pressure"), message)])
         return self
 
     @model_validator(mode="after")

@@ -49,7 +49,7 @@ def scales(model: SoftParticle, vertices: int, radius: float) -> Scales:
         segment,
         hinge,
         modulus,
-        model.core_ratio * modulus,
+        modulus * (model.core_pressure if model.core == "gas" else model.core_ratio),
         mass,
         math.sqrt(SLOWEST * shell.bend / per_length) / radius**2,
         model.contact_stiffness * hinge / segment**2,
@@ -73,7 +73,7 @@ def body(model: SoftParticle, vertices: int, mean: float, points: FloatArray) ->
         Its radius of the mid-line [m], that the numbers of ``model`` are relative to. Shells of all
         sizes are of the same thickness and material, cores and the masses of vertices the same.
     points : (n, 2)
-        Vertices [m].
+        Vertices [m]; of a regular polygon, if its core has a pressure.
     """
     unit = scales(model, vertices, mean)
     thickness = model.thickness * mean
@@ -88,8 +88,16 @@ def body(model: SoftParticle, vertices: int, mean: float, points: FloatArray) ->
         model.damping,
         model.inner_damping * unit.mass * unit.frequency,
     )
-    core = Core() if model.core_ratio == 0.0 else Core(model.core, unit.core_modulus)
-    return Body(points, True, 0.5 * thickness, unit.mass, shell, core)
+    if model.core_ratio == model.core_pressure == 0.0:
+        return Body(points, True, 0.5 * thickness, unit.mass, shell)
+    pressure, rest = model.core_pressure * unit.shell_modulus, None
+    if pressure > 0.0:
+        # Tension p ℓ/2 tan(π/N) of a regular polygon, paper (20), (21).
+        length = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+        tension = 0.5 * pressure * length / math.tan(math.pi / len(points))
+        rest = length / (1.0 + tension / elastic.stretch)
+    core = Core(model.core, unit.core_modulus, pressure)
+    return Body(points, True, 0.5 * thickness, unit.mass, shell, core, rest)
 
 
 def disc_radius(model: SoftParticle) -> float:

@@ -29,6 +29,10 @@ class Scenario(ABC):
     strokes: int  # or periods
     frame: tuple[float, float, float, float]  # of pictures: left, bottom, width, height [m]
 
+    def prepare(self, periods: int) -> bool:  # noqa: ARG002 - not all need any
+        """Make ``periods`` T₁ of a long preparation, or less; return whether it is over."""
+        return True
+
     @abstractmethod
     def go_on(self) -> None:
         """Make the steps from one record to the next."""
@@ -67,23 +71,30 @@ def more_drag(system: System, unit: Scales, share: float = SYRUP) -> Iterator[No
     system.rules = rules
 
 
-def come_to_rest(system: System, unit: Scales, still: float = STILL) -> None:
-    """Go on until the kinetic energy of the rings is below ``still`` · k_b each.
+class Rest:
+    """Rings that come to rest: until their kinetic energy is below ``still`` · k_b each."""
 
-    Raises
-    ------
-    SimulationError
-        If it never is.
-    """
-    steps = math.ceil(unit.period / system.rules.step)
-    still *= unit.hinge * len(system.chains.closed)
-    for _ in range(LONGEST_REST):
-        system.advance(steps)
-        if system.kinetic() < still:
-            return
-    msg = (
-        f"the rings are not at rest {LONGEST_REST} periods of their slowest vibration after they "
-        "fell or were pressed together: more inner_damping or contact_damping, or a lower "
-        "packing_fraction"
-    )
-    raise SimulationError(msg)
+    def __init__(self, still: float = STILL) -> None:
+        self.still = still
+        self.periods = 0
+
+    def go_on(self, system: System, unit: Scales) -> bool:
+        """Go on for T₁; return whether the rings are at rest.
+
+        Raises
+        ------
+        SimulationError
+            If they never are.
+        """
+        system.advance(math.ceil(unit.period / system.rules.step))
+        if system.kinetic() < self.still * unit.hinge * len(system.chains.closed):
+            return True
+        self.periods += 1
+        if self.periods == LONGEST_REST:
+            msg = (
+                f"the rings are not at rest {LONGEST_REST} periods of their slowest vibration "
+                "after they fell or were pressed together: more inner_damping or contact_damping, "
+                "or a lower packing_fraction"
+            )
+            raise SimulationError(msg)
+        return False

@@ -74,7 +74,12 @@ class SoftParticleSimulation:
         return self.run.rows
 
     def advance(self, rows: int) -> None:
-        """Make the next ``rows`` records (fewer at the end of the protocol)."""
+        """Make the next ``rows`` records (fewer at the end), or a part of the preparation.
+
+        A record of most studies is about T₁, as what is made of a preparation for each.
+        """
+        if self.done == 0 and not self.run.prepare(rows):
+            return
         for _ in range(rows):
             if self.done == self.rows:
                 return

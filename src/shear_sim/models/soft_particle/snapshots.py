@@ -63,6 +63,7 @@ def take(
     if planes is None:
         planes = np.column_stack([walls.nx, walls.ny, walls.position])
     planes = planes - np.outer(planes[:, :2] @ [left, bottom], [0.0, 0.0, 1.0])
+    rigid = np.isin(chains.chain, system.rigid.chain)
     periodic = bool(system.cell.size[1] > 0.0)
     offset = float(system.cell.strain[0] * system.cell.size[1])
     return Snapshot(
@@ -71,7 +72,7 @@ def take(
         velocity=np.column_stack([motion.vx, motion.vy]),
         spin=np.zeros(len(motion.x)),
         radius=chains.radius[chains.chain],
-        fixed=(motion.free_x == 0.0) & (motion.free_y == 0.0),
+        fixed=(motion.free_x == 0.0) & (motion.free_y == 0.0) & ~rigid,
         i=i.astype(np.int32), j=j.astype(np.int32), separation=np.column_stack([dx, dy]),
         normal=normal.copy(), tangential=tangential.copy(), kind=kind.astype(np.int8),
         walls=planes,

@@ -188,6 +188,7 @@ class Work(NamedTuple):
     # Least distance / distance of touching of any contact so far: of those from outside, with a
     # sign, and of two-sided ones.
     closest: Floats  # (2,)
+    near: Ints  # (2,) the vertex of each, −1 if there was none
     scratch: tuple[Floats, ...]  # 8 of (V,): room for bars and hinges
     held: Ints  # (V,) features that a vertex touched with friction at the step before
 
@@ -236,6 +237,7 @@ def work(vertices: int, strips: int) -> Work:
         np.zeros((strips, LINE)),
         np.zeros(1),
         np.full(2, np.inf),
+        np.full(2, -1, np.int32),
         tuple(np.zeros((8, vertices))),
         np.zeros(vertices, np.int32),
     )

@@ -116,12 +116,18 @@ def in_threads(
                 own,
                 Walls(*(values.copy() for values in walls)),
                 cell._replace(strain=cell.strain.copy(), steps=cell.steps.copy()),
-                work._replace(travelled=work.travelled.copy(), closest=work.closest.copy()),
+                work._replace(
+                    travelled=work.travelled.copy(),
+                    closest=work.closest.copy(),
+                    near=work.near.copy(),
+                ),
             )
         )
     result = together(threads, strips.meeting, lambda t: kernel(*shares[t]))
     for _, _, _, other in shares[1:]:
-        np.minimum(work.closest, other.closest, out=work.closest)
+        nearer = other.closest < work.closest
+        work.near[nearer] = other.near[nearer]
+        work.closest[nearer] = other.closest[nearer]
     work.energy[:] = work.ledger.sum(axis=0)[: len(work.energy)]
     return result
 

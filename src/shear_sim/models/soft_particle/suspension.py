@@ -10,7 +10,7 @@ from shear_sim.models.soft_particle.driving import SoftParticleOscillatoryShear
 from shear_sim.models.soft_particle.packs import loose_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
-from shear_sim.models.soft_particle.scenario import Scenario, come_to_rest, more_drag
+from shear_sim.models.soft_particle.scenario import Rest, Scenario, more_drag
 from shear_sim.models.soft_particle.system import System, ledger
 from shear_sim.streams import Streams
 
@@ -38,21 +38,53 @@ class Suspension(Scenario):
             bodies,
             stiffness=self.unit.stiffness,
             friction=model.friction,
+            tangential=model.tangential_ratio * self.unit.stiffness,
             contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
             cell=(side, side),
         )
-        system = self.system
-        solid, _ = shapes(system.chains, system.motion)
-        self.settling = self._concentrate(math.sqrt(solid / (packing.packing_fraction or 1.0)))
-        self.glued = self._glue() if point.cell.boundary == "plates" else 0
-        self.shear = shear
+        self.point, self.shear = point, shear
+        solid, _ = shapes(self.system.chains, self.system.motion)
+        self.side = math.sqrt(solid / (packing.packing_fraction or 1.0))
+        way = math.log(self.side / float(self.system.cell.size[0]))
+        self.strides = max(1, math.ceil(abs(way) / STRIDE))
+        self.factor = math.exp(way / self.strides)
+        self.rest: Rest | None = Rest()
+        self.settling = 0.0
+        self.glued = 0
         self.strokes = shear.periods
         rows = point.resolved().record.rows or 0
         self.rows = rows + 1
         self.period = self.unit.period / shear.relative_frequency
+
+    def prepare(self, periods: int) -> bool:
+        """Press the rings together until the cell has its size, and let them come to rest."""
+        system, unit = self.system, self.unit
+        pause = math.ceil(PAUSE * unit.period / system.rules.step)
+        for _ in range(periods):
+            if self.rest is None:
+                break
+            over = False
+            with more_drag(system, unit):
+                if self.strides > 0:
+                    system.shrink(self.factor)
+                    system.advance(pause)
+                    self.strides -= 1
+                else:
+                    over = self.rest.go_on(system, unit)
+            if over:
+                self.rest = None
+                self._set_out()
+        return self.rest is None
+
+    def _set_out(self) -> None:
+        """Glue what is to be glued, and shear the cell from now on."""
+        system, shear, rows = self.system, self.shear, self.rows - 1
+        self.settling = system.time
+        if self.point.cell.boundary == "plates":
+            self.glued = self._glue()
         between = self.period * shear.periods / rows
-        longest = point.integrator.step * system.stable_step
+        longest = self.point.integrator.step * system.stable_step
         self.steps = math.ceil(between / longest * (1.0 - 1e-9))
         system.rules = system.rules._replace(step=between / self.steps)
         self.first = system.steps
@@ -60,19 +92,6 @@ class Suspension(Scenario):
         width, height = map(float, system.cell.size)
         self.volume = width * height
         self.frame = (0.0, 0.0, width, height)
-
-    def _concentrate(self, side: float) -> float:
-        """Press the rings together until the cell has its size; return the time it took [s]."""
-        system, unit = self.system, self.unit
-        way = math.log(side / float(system.cell.size[0]))
-        strides = max(1, math.ceil(abs(way) / STRIDE))
-        pause = math.ceil(PAUSE * unit.period / system.rules.step)
-        with more_drag(system, unit):
-            for _ in range(strides):
-                system.shrink(math.exp(way / strides))
-                system.advance(pause)
-            come_to_rest(system, unit)
-        return system.time
 
     def _glue(self) -> int:
         """Hold all rings that cross the edge y = 0, which is the plate; return how many do."""
@@ -99,21 +118,15 @@ class Suspension(Scenario):
     def record(self) -> dict[str, float]:
         """Return one record, see ``columns``."""
         system, bending = self.system, self.unit.hinge / self.radius**2
-        xx, xy, yx, yy = system.stress()
+        names = ("stress_xx", "stress_xy", "stress_yx", "stress_yy")
+        stress = dict(zip(names, map(float, system.stress()), strict=True))
         solid, circularity = shapes(system.chains, system.motion)
         return {
             "time": (system.steps - self.first) * system.rules.step,
             "strain": float(system.cell.strain[0]),
-            "stress_xx": xx,
-            "stress_xy": xy,
-            "stress_yx": yx,
-            "stress_yy": yy,
-            "stress_xx_per_modulus": xx / self.modulus,
-            "stress_xx_per_bending": xx / bending,
-            "stress_xy_per_modulus": xy / self.modulus,
-            "stress_xy_per_bending": xy / bending,
-            "stress_yy_per_modulus": yy / self.modulus,
-            "stress_yy_per_bending": yy / bending,
+            **stress,
+            **{f"{name}_per_modulus": value / self.modulus for name, value in stress.items()},
+            **{f"{name}_per_bending": value / bending for name, value in stress.items()},
             "box_area": self.volume,
             "solid_area": solid,
             "circularity": circularity,

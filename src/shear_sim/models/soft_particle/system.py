@@ -403,26 +403,35 @@ class System:
 
     def _guard(self, status: int) -> None:
         """Stop if the state means nothing any more."""
-        problem = ""
-        if status == NOT_FINITE or not np.isfinite(self.motion.x.sum() + self.motion.y.sum()):
-            problem = "a position is not finite: a shorter time_step, or slower walls"
+        problem, m = "", self.motion
+        if status == NOT_FINITE or not np.isfinite(m.x.sum() + m.y.sum()):
+            lost = ~np.isfinite(m.x + m.y + m.vx + m.vy)
+            where = self._vertex(int(lost.argmax())) if lost.any() else "a vertex"
+            problem = f"the position of {where} is not finite: a shorter time_step, or slower walls"
         elif status == TOO_FAST:
             problem = (
-                "a vertex moves by more than half its radius in one step: a shorter time_step, "
-                "slower walls, or less load"
+                f"{self._vertex(int((m.vx**2 + m.vy**2).argmax()))} moves by more than half its "
+                "radius in one step: a shorter time_step, slower walls, or less load"
             )
         elif status != RUNNING:
-            problem = "a vertex touches too many segments: larger segments, or thinner shells"
-        elif self.work.closest[0] < 0.5 * DEEPEST or self.work.closest[1] < NEAREST:
             problem = (
-                "a vertex went through a segment or a wall: a larger contact stiffness, a "
-                "shorter time_step, or slower walls"
+                f"{self._vertex(int(self.work.held.argmax()))} touches too many segments: larger "
+                "segments, or thinner shells"
+            )
+        elif self.work.closest[0] < 0.5 * DEEPEST or self.work.closest[1] < NEAREST:
+            which = 0 if self.work.closest[0] < 0.5 * DEEPEST else 1
+            problem = (
+                f"{self._vertex(int(self.work.near[which]))} went through a segment or a wall: a "
+                "larger contact stiffness, a shorter time_step, or slower walls"
             )
         else:
-            problem = misshapen(self.chains, self.motion.x, self.motion.y)
+            problem = misshapen(self.chains, m.x, m.y)
         if problem:
             msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
             raise SimulationError(msg)
+
+    def _vertex(self, k: int) -> str:
+        return f"a vertex of particle {self.chains.chain[k]}"
 
     def kinetic(self) -> float:
         """Return ½ Σ m v_{n−½}·v_{n+½} [J/m], the kinetic energy that (SP.9) balances."""

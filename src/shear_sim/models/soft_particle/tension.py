@@ -74,6 +74,7 @@ class Puller(Scenario):
             made.bodies,
             stiffness=self.unit.stiffness,
             friction=model.friction,
+            tangential=model.tangential_ratio * self.unit.stiffness,
             contact_damping=model.contact_damping,
             drag=model.drag * self.unit.mass * self.unit.frequency,
         )
@@ -135,6 +136,7 @@ class Puller(Scenario):
         """Return one record, see ``columns``."""
         system, links = self.system, self.system.links
         stress = self._bears(self.lid) / self.width
+        floor = -self._bears(self.floor) / self.width
         budget = system.budget()
         cells = system.particle_energies()
         _, circularity = shapes(system.chains, system.motion)
@@ -142,9 +144,11 @@ class Puller(Scenario):
             "time": system.time,
             "strain": math.log(self._height() / self.start),
             "stress_yy": stress,
-            "stress_floor": -self._bears(self.floor) / self.width,
+            "stress_floor": floor,
             "stress_yy_per_modulus": stress / self.modulus,
             "stress_yy_per_bending": stress * self.radius**2 / self.unit.hinge,
+            "stress_floor_per_modulus": floor / self.modulus,
+            "stress_floor_per_bending": floor * self.radius**2 / self.unit.hinge,
             "circularity": circularity,
             "links_broken": float((links.intact == 0).sum()),
             "mean_cell_energy": float(cells.mean()) / self.link_energy,

@@ -81,7 +81,8 @@ SNAPSHOT_UNITS = SnapshotUnits(
     "springs and cores: without friction exactly, with it to 1 % of the pressure. The stress of "
     "the result has dashpots and inertia too, of up to 4 % of the pressure at the first record "
     "and 2 % later. Between plates a fixed vertex counts as one at y = 0; of a box the area is "
-    "box_area of the result, whose stress is that on the walls",
+    "box_area of the result, whose stress is that on the walls. Rigid particles have no part in "
+    "the sum",
 )
 
 __all__ = [

@@ -1,7 +1,6 @@
 """Rings in a box whose lid comes down and goes up: how they start, and what is measured."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from shear_sim.models.soft_particle.driving import Compaction
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
-from shear_sim.models.soft_particle.scenario import STILL, SYRUP, Rest, Scenario, more_drag
+from shear_sim.models.soft_particle.scenario import Rest, Scenario
 from shear_sim.models.soft_particle.system import System, Wall, ledger
 from shear_sim.streams import Streams
 
@@ -18,21 +17,8 @@ UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)
 FEWEST = 5  # records of a line
 LOWEST = 0.03  # σ/σ* under which the pack has not set yet
 WEIGHT = 0.1  # weight of all rings / width / σ*, where they fall
-AIR = 0.01  # drag on vertices / (m ω₁) there
-FALLEN = 1e-6  # kinetic energy of rings that have fallen / (k_b · rings)
 PIECES = 10  # of a record, in each of which a load stays
 LEFT, RIGHT, FLOOR, LID = range(4)
-
-
-class Fall(NamedTuple):
-    """A part of the way of falling rings to their rest."""
-
-    weight: float  # put on all of them at its start / WEIGHT
-    drag: float  # see ``more_drag``
-    still: float  # see ``Rest``
-
-
-FALLS = (Fall(1.0, AIR, FALLEN), Fall(0.0, SYRUP, STILL), Fall(-1.0, SYRUP, STILL))
 
 
 class Compactor(Scenario):
@@ -75,26 +61,23 @@ class Compactor(Scenario):
         self.rows = self.strokes * self.one_way + 1
         self.made = 0
         self.settling = 0.0
-        self.falls = list(FALLS) if falling else []
+        self.weights = [1.0, -1.0] if falling else []  # put on, each until the rings are at rest
         self.rest: Rest | None = None
         self.ready = False
 
     def prepare(self, periods: int) -> bool:
         """Let the rings fall, come to rest, and lose their weight."""
-        system, unit = self.system, self.unit
         for _ in range(periods):
-            if not self.falls:
+            if not self.weights:
                 break
-            fall = self.falls[0]
-            with more_drag(system, unit, fall.drag):
-                if self.rest is None:
-                    self._weigh(fall.weight)
-                    self.rest = Rest(fall.still)
-                if self.rest.go_on(system, unit):
-                    self.rest = None
-                    del self.falls[0]
-        if not self.falls and not self.ready:
-            self.settling = system.time
+            if self.rest is None:
+                self._weigh(self.weights[0])
+                self.rest = Rest(quenched=True)
+            if self.rest.go_on(self.system, self.unit):
+                self.rest = None
+                del self.weights[0]
+        if not self.weights and not self.ready:
+            self.settling = self.system.time
             self._set_out()
         return self.ready
 

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 SYRUP = 0.3  # drag on vertices / (m ω₁) in which rings come to rest
 STILL = 1e-9  # kinetic energy of rings at rest / (k_b · rings)
-LONGEST_REST = 500  # T₁
+LONGEST_REST = 2000  # T₁
 
 
 class Scenario(ABC):
@@ -72,10 +72,16 @@ def more_drag(system: System, unit: Scales, share: float = SYRUP) -> Iterator[No
 
 
 class Rest:
-    """Rings that come to rest: until their kinetic energy is below ``still`` · k_b each."""
+    """Rings that come to rest: until their kinetic energy is below ``STILL`` · k_b each.
 
-    def __init__(self, still: float = STILL) -> None:
-        self.still = still
+    ``quenched``: all velocities are set to zero whenever the kinetic energy has passed a peak, and
+    the last peak counts. A pack that swings as a whole, ever more slowly the more rings it has,
+    then rests after some quarters of its period, and nothing holds up what falls.
+    """
+
+    def __init__(self, *, quenched: bool = False) -> None:
+        self.quenched = quenched
+        self.before = 0.0
         self.periods = 0
 
     def go_on(self, system: System, unit: Scales) -> bool:
@@ -87,7 +93,16 @@ class Rest:
             If they never are.
         """
         system.advance(math.ceil(unit.period / system.rules.step))
-        if system.kinetic() < self.still * unit.hinge * len(system.chains.closed):
+        kinetic = system.kinetic()
+        still = STILL * unit.hinge * len(system.chains.closed)
+        if self.quenched:
+            if kinetic < self.before:
+                if self.before < still:
+                    return True
+                system.stop()
+                kinetic = 0.0
+            self.before = kinetic
+        elif kinetic < still:
             return True
         self.periods += 1
         if self.periods == LONGEST_REST:

@@ -433,6 +433,12 @@ class System:
     def _vertex(self, k: int) -> str:
         return f"a vertex of particle {self.chains.chain[k]}"
 
+    def stop(self) -> None:
+        """Set all velocities to zero."""
+        self.motion.vx[:] = self.motion.vy[:] = 0.0
+        body = self.rigid
+        body.vx[:] = body.vy[:] = body.spin[:] = 0.0
+
     def kinetic(self) -> float:
         """Return ½ Σ m v_{n−½}·v_{n+½} [J/m], the kinetic energy that (SP.9) balances."""
         m, mass, dt = self.motion, self.chains.mass, self.rules.step

@@ -15,7 +15,7 @@ from scipy import stats
 
 from shear_sim import aggregate as module
 from shear_sim.aggregate import aggregate, load, make_tables
-from shear_sim.aggregate.columns import CURVE_QUANTITIES
+from shear_sim.aggregate.columns import CURVE_QUANTITIES, MODEL_FLAGS
 from shear_sim.aggregate.curves import STEADY_QUANTITIES, means_table
 from shear_sim.aggregate.response import MAY_BE_LOGARITHMIC
 from shear_sim.aggregate.runs import Waves, runs_table
@@ -26,7 +26,7 @@ from shear_sim.rheology import LIMITS
 from shear_sim.runner import run_job
 from shear_sim.statistics import RESAMPLES, holm
 from shear_sim.study import load_study
-from shear_sim.summary import _effect, _three_digits, print_summary
+from shear_sim.summary import FLAGGED, _effect, _three_digits, print_summary
 from shear_sim.tables import TableError
 
 STUDY = """
@@ -311,7 +311,9 @@ def test_flagged_runs_are_counted_in_and_counted(tmp_path):
     runs = tables["runs"]
     assert runs.loc[runs["point"] == loud["point"], "flags"].str.contains("baseline_noise").all()
     assert (runs.loc[runs["point"] == quiet["point"], "flags"] == "").all()
-    assert re.search(r"runs are flagged \(.*baseline_noise \d", printed(tables))
+    said = " whose stress at rest is over 10% of its amplitude (baseline_noise)"
+    assert re.search(rf"runs are flagged, .*: .*\d{re.escape(said)}", printed(tables))
+    assert set(FLAGGED) == {*LIMITS, *MODEL_FLAGS}  # each is said in words
 
 
 def test_runs_without_a_whole_period_have_no_moduli_and_are_flagged(tmp_path):

@@ -441,6 +441,9 @@ def test_kernels_can_be_compiled_ahead(tmp_path, environment):
         (["stat"], ["status"]),
         (["render", "--fi"], ["--film"]),
         (["show", "JOB"], ["JOB"]),
+        (["render", ""], ["0123456789abcdef"]),  # of those that keep snapshots
+        (["schema", "mi"], ["microgel"]),
+        (["schema", "--json", "s"], ["soft_particle"]),
         (["sweep", "stu"], []),  # then bash completes the names of files
     ],
 )
@@ -449,12 +452,15 @@ def test_the_shell_completes(words, found, swept, tmp_path):
     folder, env, _ = swept
     job = min(Results(folder / "results/study").finished())
     words = [word.replace("JOB", job[:6]) for word in words]
+    kept = folder / "results/study/snapshots/0123456789abcdef.gsd"
+    kept.parent.mkdir(exist_ok=True)
+    kept.touch()
     command = tmp_path / "shear-sim"
     command.write_text(
         f"#!{sys.executable}\nimport kelvin_voigt\nfrom shear_sim.cli import main\nmain()\n"
     )
     command.chmod(0o755)
-    typed = " ".join(["shear-sim", *words])
+    typed = " ".join(["shear-sim", *words[:-1], words[-1] or "''"])
     script = f"""
 eval "$({command} --show-completion bash)"
 complete -p shear-sim
@@ -465,6 +471,7 @@ echo "${{COMPREPLY[@]}}"
     shown = subprocess.run(
         ["bash", "-c", script], cwd=folder, env=env, capture_output=True, text=True
     )
+    shutil.rmtree(kept.parent)
     registered, completed = shown.stdout.splitlines()
     assert registered == "complete -o default -F _shear_sim_completion shear-sim", shown.stderr
     assert completed.split() == [job if word == "JOB" else word for word in found]

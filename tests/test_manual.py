@@ -1,4 +1,7 @@
-"""The manual is true: every command and piece of code in README.md, its pages and the help runs."""
+"""The manual is true: every command and piece of code in README.md, its pages and the help runs.
+
+Those that install do all but ask the network: pip is a stand-in that writes down what it was asked.
+"""
 
 import gzip
 import itertools
@@ -7,10 +10,12 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from tools import FakeSlurm, new_environment, run
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from shear_sim import cli
@@ -52,7 +57,33 @@ def in_code(text):
     return [each for each in found if "COMMAND" not in each]
 
 
-COMMANDS = sorted({*in_blocks(README), *in_code(README), *in_code(PAGES), *in_help()})
+NAMES = sorted(get_command(cli.app).commands)
+
+
+def in_remarks():
+    """Yield the commands that remarks name by their begin, such as `show ID`."""
+    for words in re.findall(rf"`((?:{'|'.join(NAMES)}) [^`]+)`", README):
+        if "ID" in words or "FILE" in words:
+            yield f"shear-sim {words}"
+
+
+def with_options():
+    """Yield each command that stands alone on a line with each option that its remark names."""
+    lines = re.findall(r"^    (shear-sim .*?)\s{2,}(.*)$", README, re.MULTILINE)
+    for command, remark in lines:
+        for option, value in re.findall(r"(--[a-z-]+)(?: (?=[a-zR])([\w/]+))?", remark):
+            yield command, option, value
+
+
+COMMANDS = sorted(
+    {*in_blocks(README), *in_code(README), *in_code(PAGES), *in_help(), *in_remarks()}
+)
+OPTIONS = sorted({each for each in with_options() if each[1] not in each[0]})
+VALUES = {
+    "i/n": "0/2", "R": "results", "--jobs": "1", "--limit": "1", "--results": "results",
+    "--colour": "pressure", "--time": "0", "--out": "some.png", "--account": "some",
+    "--mem": "1000", "--max-tasks": "2",
+}  # fmt: skip
 INSTALL = "shear-sim --install-completion"  # for the shell that calls it, see below
 # Studies in the manual whose results are there, and others: in the sandbox all are the same.
 DONE, NEW = ("main", "quick", "film"), ("soft_beam", "soft_free_ring", "soft_tissue")
@@ -117,6 +148,106 @@ def test_a_command_of_the_manual_runs(command, sandbox, tmp_path, monkeypatch):
     assert shown.exit_code == 0, shown.output
 
 
+@pytest.mark.parametrize(("command", "option", "value"), OPTIONS)
+def test_an_option_of_a_remark_runs(command, option, value, sandbox, tmp_path, monkeypatch):
+    monkeypatch.chdir(sandbox)
+    FakeSlurm(tmp_path / "slurm").on(monkeypatch)
+    name, *given = here(command, sandbox)
+    known = get_command(cli.app).commands[name].params
+    [flag] = [each.is_flag for each in known if option in [*each.opts, *each.secondary_opts]]
+    if not flag:
+        given += [option, VALUES.get(value or option, value)]
+    shown = CliRunner().invoke(
+        cli.app, [name, *given, *([option] if flag else [])], catch_exceptions=False
+    )
+    assert shown.exit_code == 0, shown.output
+
+
+def test_the_remarks_have_options():
+    found = {option for _, option, _ in OPTIONS}
+    assert found > {"--shard", "--limit", "--tensor", "--remove", "--max-tasks", "--watch"}
+
+
+INSTALLS = re.findall(r"^    (python3 .*?)(?:\s{2,}.*)?$", README, re.MULTILINE)
+PYTHON3 = """#!/bin/sh
+case "$1 $2" in
+"-m venv") exec {python} "$@" ;;
+"-m pip") echo "$@" >> asked; cp {program} .venv/bin/shear-sim ;;
+*) exit 64 ;;
+esac
+"""
+
+
+@pytest.fixture
+def fresh(tmp_path):
+    """A fresh clone as far as installing goes, and the environment of its first shell."""
+    program = tmp_path / "shear-sim"
+    program.write_text(f"#!{sys.executable}\nfrom shear_sim.cli import main\nmain()\n")
+    program.chmod(0o755)
+    found = tmp_path / "bin/python3"
+    found.parent.mkdir()
+    found.write_text(PYTHON3.format(python=sys.executable, program=program))
+    found.chmod(0o755)
+    folder = tmp_path / "clone"
+    for path, text in (
+        ("configs/main.yaml", SMALL),
+        ("tests/test_some.py", "def test_some():\n    assert True\n"),
+    ):
+        (folder / path).parent.mkdir(parents=True)
+        (folder / path).write_text(text)
+    env = new_environment()
+    return folder, env | {"PATH": f"{found.parent}:{env['PATH']}"}
+
+
+def in_shell(line, fresh):
+    folder, env = fresh
+    shown = subprocess.run(
+        ["sh", "-e", "-c", line], cwd=folder, env=env, text=True, capture_output=True
+    )
+    assert shown.returncode == 0, shown.stdout + shown.stderr
+    return shown.stdout
+
+
+@pytest.mark.parametrize("line", INSTALLS)
+def test_a_line_that_installs_runs(line, fresh):
+    """From nothing: each part of it, the main study cut to four jobs, the tests to one."""
+    assert line.startswith("python3 -m venv --without-pip .venv && python3 -m pip ")
+    shown = in_shell(line, fresh)
+    [asked] = (fresh[0] / "asked").read_text().splitlines()
+    what = re.fullmatch(r"-m pip --python \.venv install -e \.(?:\[(\w+)\])?", asked)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert what
+    assert what[1] in {None, *project["optional-dependencies"]}
+    assert "shear-sim" in project["scripts"]
+    if "shear-sim" in line:
+        assert "4 of 4 jobs done" in shown
+        assert (fresh[0] / "results/main/tables/curves.parquet").exists()
+        assert list((fresh[0] / "results/main/figures").iterdir())
+    if "pytest" in line:
+        assert "1 passed" in shown
+
+
+def test_the_manual_installs_the_study_the_tests_and_for_the_first_minutes():
+    assert [line.rpartition("&& ")[2] for line in INSTALLS] == [
+        ".venv/bin/shear-sim aggregate results/main",
+        ".venv/bin/python -m pytest",
+        "python3 -m pip --python .venv install -e .",
+    ]
+
+
+def test_the_first_ten_minutes_begin_with_all_that_they_need(fresh):
+    """In their order, from a fresh clone: what stands before the first command makes it one."""
+    section = README.partition("## The first ten minutes")[2].partition("\n## ")[0]
+    lines = [
+        re.split(r"\s{2,}", line)[0] for line in re.findall(r"^    (\S.*)$", section, re.MULTILINE)
+    ]
+    first = next(i for i, line in enumerate(lines) if line.startswith("shear-sim"))
+    shown = in_shell(
+        "\n".join([*lines[:first], "command -v shear-sim; shear-sim --version"]), fresh
+    )
+    assert f"{fresh[0]}/.venv/bin/shear-sim\nshear-sim " in shown
+
+
 def test_the_completion_of_the_manual_is_installed(tmp_path):
     """In the files of the shell that calls it; whether it completes is another test."""
     assert INSTALL in COMMANDS
@@ -153,6 +284,15 @@ def test_the_first_studies_run_as_they_are(study, jobs, tmp_path):
     file = ROOT / f"configs/{study}.yaml"
     code, output = run(new_environment(), "sweep", file, "--results", tmp_path)
     assert (code, f"{jobs} of {jobs} jobs done" in output) == (0, True), output
+    if study == "quick":  # what the README says of its tables
+        _, output = run(new_environment(), "aggregate", tmp_path / study, "--no-figures")
+        for words in (
+            "runs are flagged, and counted all the same",
+            "whose mean stress drifts by over 10% of the amplitude in a period (drift_ratio)",
+            "2 of 2 curves show no plateau, as their G′ is under 90% of its first value",
+            "intervals of means may miss the truth more often than they say, most as they are of",
+        ):
+            assert words in output
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
-from shear_sim import cli, render
+from shear_sim import cli, models, render
 from shear_sim.cli import app
 from shear_sim.figures.geometry import (
     displacement,
@@ -143,7 +143,7 @@ def test_discs_that_only_touch_have_an_interface_after_they_were_kept(tmp_path):
     place = np.cumsum(radius + np.append(0.0, radius[:-1]))
     pairs = np.column_stack([np.arange(49), np.arange(1, 50)])
     s = snapshot(np.column_stack([place, np.full(50, 5.0)]), radius, pairs, side=70.0)
-    write_snapshots(tmp_path, "touching", [s], {})
+    write_snapshots(tmp_path, "touching", [s], {}, models.model("microgel").SNAPSHOT_UNITS)
     [kept] = read_snapshots(tmp_path, "touching")
     gap = kept.separation[:, 0] - kept.radius[kept.i] - kept.radius[kept.j]
     assert (gap > 0).sum() > 10
@@ -675,7 +675,7 @@ def test_a_picture_shows_what_is_between_the_walls(box):
 def test_an_open_cell_is_drawn_and_kept_with_all_that_has_left_it(tmp_path):
     """Its box of the file does not tilt, and holds all discs; the cell comes back as it was."""
     s = snapshot([[5, 5], [-40, 3], [12, 25], [4, -7]], 1.5, offset=4.0)._replace(periodic=False)
-    write_snapshots(tmp_path, "open", [s], {})
+    write_snapshots(tmp_path, "open", [s], {}, models.model("microgel").SNAPSHOT_UNITS)
     [kept] = read_snapshots(tmp_path, "open")
     left, bottom, width, height = view([kept])
     for (x, y), radius in zip(kept.position, kept.radius, strict=True):
@@ -762,9 +762,9 @@ def test_no_way_to_write_there_is_bad_input(jobs, tmp_path, monkeypatch):
 def test_the_shell_completes_jobs_that_can_be_drawn(jobs, tmp_path):
     """Not the one that has kept no snapshots."""
     context = SimpleNamespace(params={"results": jobs["kept"].parents[2]})
-    assert cli._drawable_jobs(context, "") == [jobs["kept"].stem]
+    assert cli._jobs_with_snapshots(context, "") == [jobs["kept"].stem]
     assert len(cli._known_jobs(context, "")) == 2
-    assert cli._drawable_jobs(context, "no") == []
+    assert cli._jobs_with_snapshots(context, "no") == []
 
 
 def test_a_film_of_ten_thousand_discs_is_drawn_larger(jobs, tmp_path):

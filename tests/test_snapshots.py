@@ -7,11 +7,12 @@ from pathlib import Path
 
 import gsd.hoomd
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from soft_particles import chain, finished, points, prepared, ring, system
 from tools import differences, read_table
 
-from shear_sim import models, runner
+from shear_sim import models, runner, snapshots
 from shear_sim.accuracy import finish
 from shear_sim.models.interface import BAR, CONTACT_KINDS, LINK, SLIDING
 from shear_sim.models.soft_particle.snapshots import take
@@ -64,6 +65,7 @@ POINTS = {
     },
 }
 NAMES = sorted(POINTS)
+KEPT = [name for name in NAMES if name.endswith(("links", "triangles", "friction"))]  # in files
 SOFT = {
     "kind": "soft_particle",
     "thickness": 0.1,
@@ -93,15 +95,15 @@ BOX = points(
 )
 
 
-def make_job(name, snapshots=None):
-    data = POINTS[name]
+def make_job(name, snapshots=None, shear=None):
+    data = POINTS[name] | ({"shear": shear} if shear else {})
     kind = data.get("model", {}).get("kind", "microgel")
     data = data | {"record": data.get("record", {}) | {"snapshots": snapshots}}
     return Job.create(models.model(kind).POINT.model_validate(data), seed=3, replicate=1)
 
 
-def started(name, snapshots=None):
-    job = make_job(name, snapshots)
+def started(name, snapshots=None, shear=None):
+    job = make_job(name, snapshots, shear)
     return models.model(job.point.kind).start(job.point, job.streams)
 
 
@@ -316,6 +318,30 @@ def test_a_number_counts_in_units_of_the_protocol():
         0, 0.5, 1, 1.5, 2, 2.5, 3,
     ]  # fmt: skip
     assert len(snapshot_rows(100, clock, 3.0)) == 301
+    assert snapshot_rows(2, clock[::50], 3.0) == (4, 5, 6, 7, 8, 9, 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "shear"),
+    [
+        ("hard discs: steady", {"kind": "steady", "strain": 0.3}),
+        ("hard discs: steady", {"kind": "compression", "compression": -0.1}),
+        ("microgel: loose, plates", {"strain_amplitude": 0.1, "periods": 0.7}),
+        (
+            "microgel: steady, backwards",
+            {"kind": "steady", "relative_rate": -0.05, "strain": 0.3, "post_periods": 0},
+        ),
+    ],
+)
+def test_a_number_keeps_the_end_of_the_shear(name, shear):
+    """Where it does not divide the shear: the last picture shows what this has come to."""
+    simulation = started(name, 5, shear)
+    finish(simulation)
+    columns, protocol = simulation.columns(), simulation.summary()["protocol"]
+    kept = columns["time"][[snapshot.row for snapshot in simulation.snapshots]]
+    assert kept[-1] == pytest.approx(protocol["shear_end"], rel=1e-2)
+    assert len(kept) > 1
+    assert (np.diff(kept) > 0).all()
 
 
 def test_moments_are_those_of_the_nearest_records():
@@ -379,15 +405,12 @@ def study(tmp_path_factory):
     """A results folder with one finished job of each model."""
     results = Results(tmp_path_factory.mktemp("study"))
     results.jobs.mkdir()
-    for name in NAMES:
-        if name.endswith(("links", "triangles", "friction")):
-            run_job(make_job(name, 5), results.jobs)
+    for name in KEPT:
+        run_job(make_job(name, 5), results.jobs)
     return results
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in NAMES if n.endswith(("links", "triangles", "friction"))]
-)
+@pytest.mark.parametrize("name", KEPT)
 def test_files_give_the_snapshots_back(name, study):
     simulation = started(name, 5)
     finish(simulation)
@@ -400,7 +423,7 @@ def test_files_give_the_snapshots_back(name, study):
         assert np.array_equal(back.core, snapshot.core)
         side = snapshot.width
         assert back.walls == pytest.approx(snapshot.walls, abs=1e-6 * side)
-        for field in ("velocity", "radius", "width", "height"):
+        for field in ("velocity", "radius", "mass", "width", "height"):
             value = np.asarray(getattr(snapshot, field))
             scale = np.abs(value).max() + 1e-300
             assert np.abs(getattr(back, field) - value).max() < 1e-6 * scale, field
@@ -420,6 +443,13 @@ def test_what_others_read(study):
     with gsd.hoomd.open(gsd_file) as file:
         for frame, snapshot in zip(file, read_snapshots(study.snapshots, job.id), strict=True):
             box, row = frame.configuration.box, frame.configuration.step
+            metres = frame.log["unit_of_length"][0]
+            assert box[0] * metres == pytest.approx(job.point.cell.width, rel=1e-6)
+            assert frame.particles.velocity[:, :2] * metres == pytest.approx(
+                snapshot.velocity, rel=1e-6
+            )
+            mass = job.point.packing.density * np.pi * snapshot.radius**2
+            assert frame.particles.mass == pytest.approx(mass, rel=1e-5)
             strain = table.columns["strain"][row]
             assert frame.configuration.dimensions == 2
             assert box[2] == 0
@@ -441,6 +471,76 @@ def test_what_others_read(study):
             assert len(np.unique(body[body >= 0])) == table.summary["preparation"]["particles"]
 
 
+@pytest.mark.parametrize("name", KEPT)
+def test_lengths_of_a_file_are_of_order_one(name, study):
+    """In metres freud's Voronoi cells of microgels are wrong by 2 to 11 % of the box, so 2e-9."""
+    job = make_job(name, 5)
+    gsd_file, _ = paths(study.snapshots, job.id)
+    kept = read_snapshots(study.snapshots, job.id)
+    with gsd.hoomd.open(gsd_file) as file:
+        units = {frame.log["unit_of_length"][0] for frame in file}
+        assert 0.3 < np.mean([frame.particles.diameter.mean() for frame in file]) < 3.2
+    assert len(units) == 1
+    unit = units.pop()
+    assert np.log10(unit) % 1 == 0
+    assert 0.3 < 2 * kept[0].radius.mean() / unit < 3.2
+    assert (unit == 1) == ("hard" in name)  # in λ, of their own
+
+
+def test_files_in_metres_are_read_too(study, tmp_path, monkeypatch):
+    """Those written before there was a unit of length."""
+
+    def before(snapshot, log, unit):
+        made = whole(snapshot, log, 1.0)
+        del made.log["unit_of_length"]
+        return made
+
+    whole, job = snapshots.frame, make_job("microgel: friction and links", 5)
+    kept = read_snapshots(study.snapshots, job.id)
+    monkeypatch.setattr(snapshots, "frame", before)
+    units = models.model("microgel").SNAPSHOT_UNITS
+    write_snapshots(tmp_path, job.id, kept, {}, units)
+    for one, other in zip(read_snapshots(tmp_path, job.id), kept, strict=True):
+        assert one.position == pytest.approx(other.position, abs=1e-6 * other.width)
+        assert one.radius == pytest.approx(other.radius, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_a_contact_table_says_its_units_and_what_it_adds_up_to(name, study):
+    """By the files alone: units multiply to those of a stress, and the sum is in the log."""
+    job = make_job(name, 5)
+    gsd_file, table = paths(study.snapshots, job.id)
+    fields = {field.name: field.metadata for field in pq.read_schema(table)}
+    length, force = (fields[key][b"unit"].decode() for key in ("x", "normal"))
+    hard = "hard" in name
+    assert (length, force) == (("λ", "λ path rate/ξ₀") if hard else ("m", "N/m"))
+    assert [fields[key][b"unit"] for key in ("y", "tangential")] == [
+        each.encode() for each in (length, force)
+    ]
+    text = fields["normal"][b"description"].decode()
+    values = read_table(table).columns
+    with gsd.hoomd.open(gsd_file) as file:
+        for number, frame in enumerate(file):
+            if "soft" in name:  # what a suspension and a box add up to are tests above
+                assert "plus, on the diagonal, the sum of particles/core of the GSD file" in text
+                assert len(frame.log["particles/core"]) == frame.particles.N
+                continue
+            mine = values["snapshot"] == number
+            x, y, push, along = (values[k][mine] for k in ("x", "y", "normal", "tangential"))
+            distance = np.hypot(x, y)
+            on_j = (push * [x, y] + along * [-y, x]) / distance
+            side = frame.configuration.box[:2] * frame.log["unit_of_length"][0]
+            found = np.einsum("ac,bc->ab", on_j, [x, y]) / side.prod()
+            if hard:
+                assert "half its trace is scaled_pressure" in text
+                pressure = frame.log["scaled_pressure"][0]
+                assert np.trace(found) / 2 == pytest.approx(pressure, rel=1e-6)
+                continue
+            assert "periodic_love_weber of the result" in text
+            logged = [[frame.log[f"periodic_love_weber_{a}{b}"][0] for b in "xy"] for a in "xy"]
+            assert found == pytest.approx(np.array(logged), rel=1e-6, abs=1e-6)
+
+
 def test_walls_are_in_the_frame_of_the_positions(study):
     """In the file itself vertices are as far from a plate as the contacts with it say."""
     job = make_job("soft particle: ring with friction", 5)
@@ -451,6 +551,7 @@ def test_walls_are_in_the_frame_of_the_positions(study):
             for w, wall in enumerate(frame.log["walls"]):
                 touching = snapshot.j == -1 - w
                 gap = frame.particles.position[snapshot.i[touching], :2] @ wall[:2] - wall[2]
+                gap *= frame.log["unit_of_length"][0]
                 away = np.hypot(*snapshot.separation[touching].T)
                 assert gap == pytest.approx(away, abs=1e-6 * snapshot.width)
         assert touching.sum() > 0
@@ -474,7 +575,8 @@ def test_strain_and_stress_of_every_scene_are_in_the_log(given, names, tmp_path)
         simulation.advance(1)
     columns = simulation.columns()
     columns |= model.derive(columns)
-    write_snapshots(tmp_path / "snapshots", "some", simulation.snapshots[:1], columns)
+    kept = simulation.snapshots[:1]
+    write_snapshots(tmp_path / "snapshots", "some", kept, columns, model.SNAPSHOT_UNITS)
     row = simulation.snapshots[0].row
     with gsd.hoomd.open(paths(tmp_path / "snapshots", "some")[0]) as file:
         for name in names:
@@ -572,7 +674,8 @@ def test_a_repeated_job_is_compared_in_its_snapshots_too(tmp_path, monkeypatch):
     kept, columns = read_snapshots(results.snapshots, job.id), read_table(path).columns
     force, moved = kept[-1].normal * (1 + 1e-15), kept[1].position + 1e-3
     kept[1], kept[-1] = kept[1]._replace(position=moved), kept[-1]._replace(normal=force)
-    write_snapshots(results.snapshots, job.id, kept, columns)
+    units = models.model("hard_disc").SNAPSHOT_UNITS
+    write_snapshots(results.snapshots, job.id, kept, columns, units)
     assert repeat(path, tmp_path, lambda: None)[1] == [
         "snapshot 1: position",
         f"snapshot {len(kept) - 1}: normal",

@@ -60,22 +60,22 @@ RESULTS = Path("results")
 
 def _known_jobs(context: typer.Context, incomplete: str) -> list[str]:
     """Return the finished jobs whose id begins so, for a shell that completes words."""
-    found = Path(context.params.get("results") or RESULTS).glob(f"*/jobs/{incomplete}*.parquet")
+    return _stems(context, f"*/jobs/{incomplete}*.parquet")
+
+
+def _jobs_with_snapshots(context: typer.Context, incomplete: str) -> list[str]:
+    return _stems(context, f"*/snapshots/{incomplete}*.gsd")
+
+
+def _stems(context: typer.Context, pattern: str) -> list[str]:
+    found = Path(context.params.get("results") or RESULTS).glob(pattern)
     return sorted(path.stem for path in found)
 
 
-def _drawable_jobs(context: typer.Context, incomplete: str) -> list[str]:
-    """Return those of them that have snapshots."""
-    root = Path(context.params.get("results") or RESULTS)
-    return sorted(path.stem for path in root.glob(f"*/snapshots/{incomplete}*.gsd"))
+def _models(incomplete: str) -> list[str]:
+    from shear_sim.models import KINDS
 
-
-JobName = Annotated[
-    str,
-    typer.Argument(
-        metavar="JOB", help="Result file, or begin of a job id.", autocompletion=_known_jobs
-    ),
-]
+    return [kind for kind in KINDS if kind.startswith(incomplete)]
 
 
 class Tensor(StrEnum):
@@ -354,7 +354,9 @@ def render(
     job: Annotated[
         str,
         typer.Argument(
-            metavar="JOB", help="Result file, or begin of a job id.", autocompletion=_drawable_jobs
+            metavar="JOB",
+            help="Result file, or begin of a job id.",
+            autocompletion=_jobs_with_snapshots,
         ),
     ],
     results: Root = RESULTS,
@@ -555,7 +557,15 @@ def accuracy(
 
 @app.command()
 def schema(
-    model: Annotated[str, typer.Argument(help="Model of the study file.")] = "microgel",
+    model: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="MODEL",
+            help="microgel (by default), hard_disc or soft_particle; --json: by default any of "
+            "them, whichever model.kind says.",
+            autocompletion=_models,
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="JSON Schema, for editors that complete and check.")
     ] = False,
@@ -570,15 +580,19 @@ def schema(
 
     Examples: shear-sim schema hard_disc; shear-sim schema --json > study.schema.json
     """
-    from shear_sim import models, reference
+    from shear_sim import models
 
-    if model not in models.KINDS:
+    if model is not None and model not in models.KINDS:
         msg = f"no model {model!r}: one of {', '.join(models.KINDS)}"
         raise typer.BadParameter(msg)
     if as_json:
-        typer.echo(_json(reference.json_schema(model)))
+        from shear_sim.json_schema import json_schema
+
+        typer.echo(_json(json_schema(model)))
     else:
-        typer.echo(reference.study_reference(model), nl=False)
+        from shear_sim.reference import study_reference
+
+        typer.echo(study_reference(model or models.DEFAULT_KIND), nl=False)
 
 
 def _show(text: str) -> None:

@@ -83,9 +83,9 @@ Snapshots = Annotated[
     Field(
         exclude_if=lambda value: value is None,
         description="also keep particles and contacts: so many times per unit, or at these moments "
-        "[units]. The unit is a period, if the shear oscillates, from the begin of the shear; else "
-        "a strain of 1, a compression of 1, a duration as its section has it, or a stroke. A run "
-        "that ends early keeps its last record too; ours",
+        "[units]. The unit is a period, if the shear oscillates, else a strain of 1, a compression "
+        "of 1, a duration as its section has it, or a stroke. A number counts from the begin of "
+        "the shear, and its end is kept too; so is the last record of a run that ends early; ours",
     ),
     WithJsonSchema(
         {
@@ -147,7 +147,7 @@ def snapshot_rows(
     Parameters
     ----------
     wanted : int or tuple of float or None
-        ``record.snapshots``: n is at every n-th of a unit, from 0 to ``end``.
+        ``record.snapshots``: n is at every n-th of a unit, from 0, and at ``end``.
     clock : (rows,)
         When each record is made, in units of the protocol; increases.
     end : float
@@ -157,6 +157,7 @@ def snapshot_rows(
         return ()
     if isinstance(wanted, int):
         moments = np.arange(math.floor(end * wanted * (1 + 1e-12)) + 1) / wanted
+        moments = np.append(moments, end)  # what a short shear has come to
     else:
         moments = np.array(wanted)
     after = np.searchsorted(clock, moments).clip(1, len(clock) - 1)

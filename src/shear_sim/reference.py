@@ -12,16 +12,14 @@ from typing import Any, Literal, get_args, get_origin
 import annotated_types as limits
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import PydanticUndefined
 
 from shear_sim import models
 from shear_sim.config import fields_of, kind_of, sections_of
-from shear_sim.design import Design
+from shear_sim.schema import FILLED_IN
 
 WIDTH, COLUMN = 100, 36  # of a line, of its comment
 _FIXED = "\N{NO-BREAK SPACE}"  # textwrap does not break lines there
-FILLED_IN = ("source", "file_digest")  # by the program, see `Section`
 DESIGN = """\
 # The study: scenes and sweep change the sections above, by dotted keys.
 scenes: {}                          # {name: {key: value}}: sets of changes, side by side
@@ -52,27 +50,13 @@ def study_reference(kind: str) -> str:
     return "\n".join(lines) + "\n" + DESIGN
 
 
-def json_schema(kind: str) -> dict[str, Any]:
-    """Return the JSON Schema of one model's study files, for editors that complete and check."""
-    schema = models.model(kind).POINT.model_json_schema()
-    design = Design.model_json_schema()
-    schema["$schema"] = GenerateJsonSchema.schema_dialect
-    schema["title"] = f"Study file of shear-sim, model {kind}"
-    schema["properties"] |= {
-        # What a sweep holds is checked against the model's keys, which no schema can say.
-        name: {key: value for key, value in what.items() if key not in {"items", "default"}}
-        for name, what in design["properties"].items()
-    }
-    schema["properties"]["sweep"] = {"type": ["object", "array"]}
-    return schema
-
-
 def _header(kind: str, docstring: str) -> list[str]:
     """Return the lines that say where the sources are, from the package's own words on them."""
     sources = " ".join(docstring.partition("Source: ")[2].partition("\n\n")[0].split())
     text = (
         f"Study file of model {kind}: every key with its default, its meaning and unit, its source "
-        f"(ours: only this program has it) and its limits. {sources}"
+        "(ours: only this program has it) and its limits. Numbers without a unit in brackets are "
+        f"pure. {sources}"
     )
     if re.search(r"\([A-Z]{2}\.1\)", docstring):
         text += f" Equations with a dot are in the docstring of shear_sim.models.{kind}."

@@ -105,7 +105,10 @@ def run_job(job: "Job", folder: Path, stop: Callable[[], bool] = lambda: False) 
     }  # fmt: skip
     if simulation.snapshots:
         # First: a job whose table is there is done.
-        write_snapshots(folder.with_name("snapshots"), job.id, simulation.snapshots, everything)
+        write_snapshots(
+            folder.with_name("snapshots"), job.id, simulation.snapshots, everything,
+            model.SNAPSHOT_UNITS,
+        )  # fmt: skip
         summary["snapshots"] = {"count": len(simulation.snapshots)}
     chosen = job.point.recorded or tuple(columns)
     write_table(path, {name: columns[name] for name in chosen}, model.COLUMNS, summary)

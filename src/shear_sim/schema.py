@@ -6,6 +6,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+FILLED_IN = ("source", "file_digest")  # by the program, see `Section`
+
 
 class Section(BaseModel):
     """One section of a study file: frozen, validated as written, unknown keys are errors.

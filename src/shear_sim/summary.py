@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from itertools import compress
 from typing import TYPE_CHECKING, Any
 
+from shear_sim.landmarks import SOFTENING
+from shear_sim.rheology import LIMITS
 from shear_sim.statistics import FEWEST, SMALLEST_BOOTSTRAP
 from shear_sim.variation import Variation, by_scene, short_name, variation
 
@@ -41,6 +43,19 @@ _LANDMARKS = {
     ("yield", "total_stress"): "yield stress",
 }
 _SIGNIFICANT = 0.05
+#: What is wrong with runs that have a flag, to be said after their number.
+FLAGGED = {
+    "baseline_noise": "whose stress at rest is over {limit:.0%} of its amplitude",
+    "surface_internal_ratio": "whose |G*| at the surface / inside is not {low:g} to {limit:g}",
+    "cycle_change": "whose |G*| changes by over {limit:.0%} in the last period",
+    "drift_ratio": "whose mean stress drifts by over {limit:.0%} of the amplitude in a period",
+    "jumps": "whose stress jumps",
+    "asymmetry": "whose stress tensor is not symmetric",
+    "not_at_rest": "that did not come to rest before the shear",
+    "stopped_early": "that stopped before their end",
+    "deep_overlap": "whose discs overlap deeply",
+    "forces_nonunique": "whose forces are one of many sets",
+}
 
 InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows
 
@@ -255,6 +270,11 @@ def _three_digits(value: float) -> str:
     return f"{rounded:.0f}" if 1000 <= abs(rounded) < 1e6 else f"{value:.3g}"
 
 
+def _flagged(name: str) -> str:
+    low, limit = LIMITS.get(name, (0, 0))
+    return FLAGGED[name].format(low=low, limit=limit)
+
+
 def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
     """Return what a reader of the numbers must know."""
     found = [tables[name] for name in _SHOWN if name in tables]
@@ -287,19 +307,23 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
         )
     if flagged:
         flags = tables["runs"]["flags"].str.split("; ").explode()
-        named = [f"{name} {count:,}" for name, count in flags[flags != ""].value_counts().items()]
-        are, count = ("run is", "it counts") if flagged == 1 else ("runs are", "they count")
+        named = [
+            f"{count:,} {_flagged(str(name))} ({name})"
+            for name, count in flags[flags != ""].value_counts().items()
+        ]
+        are = "run is" if flagged == 1 else "runs are"
         lines.append(
-            f"{flagged:,} {are} flagged ({', '.join(named) or 'no result'}; columns flags and "
-            f"flagged of tables/runs); {count} in"
+            f"{flagged:,} {are} flagged, and counted all the same (columns flags and flagged of "
+            f"tables/runs): {', '.join(named) or 'no result'}"
         )
     features = tables.get("features")
     if features is not None and len(features):
         of = features[features["landmark"] == "low_strain_plateau"]
         if steep := int(of["storage_modulus_ci_flag"].str.contains("no plateau").sum()):
             lines.append(
-                f"{steep:,} of {len(of):,} curves soften before their second amplitude: their "
-                "plateau and softening are those of the smallest amplitude"
+                f"{steep:,} of {len(of):,} curves show no plateau, as their G′ is under "
+                f"{SOFTENING:.0%} of its first value before the second amplitude: `plateau G′` is "
+                "that first value, and smaller amplitudes would tell whether it is one"
             )
         if late := int(of["storage_modulus_ci_flag"].str.contains("plateau read at").sum()):
             lines.append(
@@ -323,9 +347,12 @@ def notes(tables: "Mapping[str, pd.DataFrame]") -> list[str]:
         )
     if weak:
         few = (
-            f", most for fewer than {SMALLEST_BOOTSTRAP} replicates"
+            f", most as they are of fewer than {SMALLEST_BOOTSTRAP} replicates"
             if any((points["n"] < SMALLEST_BOOTSTRAP).any() for points in found)
             else ""
         )
-        lines.append(f"{weak:,} intervals of means are weak (columns ..._ci_flag){few}")
+        lines.append(
+            f"{weak:,} intervals of means may miss the truth more often than they say{few}; why, "
+            "one by one: the columns whose names end with _ci_flag"
+        )
     return lines

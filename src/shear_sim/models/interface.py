@@ -28,6 +28,15 @@ CONTACT_KINDS = ("link", "contact", "sliding", "cohesive", "bar")
 LINK, CONTACT, SLIDING, COHESIVE, BAR = range(5)
 
 
+class SnapshotUnits(NamedTuple):
+    """What the numbers of a model's snapshots are measured in, and what its contacts add up to."""
+
+    length: str
+    force: str
+    #: Which stress Σ f_a r_b / area over the contacts of a snapshot is: a sentence without subject.
+    stress: str
+
+
 class Snapshot(NamedTuple):
     """N particles and C contacts at one record, in the units of the model (SI where it has them).
 
@@ -68,6 +77,7 @@ class Snapshot(NamedTuple):
     walls: NDArray[np.float64]  # (W, 3) n_x, n_y, position: the half-plane n·x < position
     energy: NDArray[np.float64] | None = None  # (N,) stored in the particle that it is a vertex of
     core: NDArray[np.float64] | None = None  # (N,) its share of pressure times area of a core
+    mass: NDArray[np.float64] | None = None  # (N,) per metre of depth; 1 where there is no inertia
 
 
 class Simulation(Protocol):
@@ -203,6 +213,7 @@ class Model(Protocol):
     """
 
     POINT: type[Point]
+    SNAPSHOT_UNITS: SnapshotUnits
     PHYSICS_VERSION: int  # raised with any change of numbers: part of every job id
     THREADS: bool  # whether one job can use several cores
     COLUMNS: Sequence[Column]  # stored

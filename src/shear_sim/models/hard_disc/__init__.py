@@ -62,12 +62,17 @@ from collections.abc import Sequence
 
 from shear_sim.models.hard_disc.columns import COLUMNS, DERIVED, MEASURED, derive
 from shear_sim.models.hard_disc.parameters import HardDiscPoint
-from shear_sim.models.interface import Simulation
+from shear_sim.models.interface import Simulation, SnapshotUnits
 from shear_sim.streams import Streams
 
 POINT = HardDiscPoint
 PHYSICS_VERSION = 3  # raised with any change of numbers; part of every job id
 THREADS = False
+SNAPSHOT_UNITS = SnapshotUnits(
+    "λ",
+    "λ path rate/ξ₀",
+    "is the stress of the result in units of path rate/ξ₀: half its trace is scaled_pressure",
+)
 
 __all__ = [
     "COLUMNS",
@@ -75,6 +80,7 @@ __all__ = [
     "MEASURED",
     "PHYSICS_VERSION",
     "POINT",
+    "SNAPSHOT_UNITS",
     "THREADS",
     "compile_for",
     "derive",

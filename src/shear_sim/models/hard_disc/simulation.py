@@ -234,6 +234,7 @@ class HardDiscSimulation:
             i=now.i.copy(), j=now.j.copy(), separation=r, normal=now.phi * np.hypot(*r.T),
             tangential=np.zeros(len(r)),
             kind=np.where(bonded, LINK, CONTACT).astype(np.int8), walls=np.zeros((0, 3)),
+            mass=np.ones(len(now.x)),
         )  # fmt: skip
 
     def columns(self) -> Columns:

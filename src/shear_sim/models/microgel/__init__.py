@@ -8,7 +8,7 @@ Reading order: ``parameters`` (what there is), ``kernels`` (its equations), ``si
 
 from collections.abc import Sequence
 
-from shear_sim.models.interface import Prepared, Simulation
+from shear_sim.models.interface import Prepared, Simulation, SnapshotUnits
 from shear_sim.models.microgel.law_curves import contact_laws
 from shear_sim.models.microgel.parameters import MicrogelPoint
 from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
@@ -18,6 +18,12 @@ POINT = MicrogelPoint
 PHYSICS_VERSION = 5  # raised with any change of numbers; part of every job id
 THREADS = True
 MEASURED = ()
+SNAPSHOT_UNITS = SnapshotUnits(
+    "m",
+    "N/m",
+    "is the tensor periodic_love_weber of the result (periodic_overall, from which shear_stress "
+    "and pressure are read, has torques and spins too)",
+)
 
 __all__ = [
     "COLUMNS",
@@ -25,6 +31,7 @@ __all__ = [
     "MEASURED",
     "PHYSICS_VERSION",
     "POINT",
+    "SNAPSHOT_UNITS",
     "THREADS",
     "compile_for",
     "contact_laws",

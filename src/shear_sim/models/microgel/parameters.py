@@ -21,7 +21,7 @@ from shear_sim.schema import (
 )
 
 Repulsion = Annotated[
-    Fraction, Field(description="weight of the divergent part: 0 is linear, 1 is S1-5b")
+    Fraction, Field(description="weight of the divergent part: 0 is linear, 1 is S1-5b; S2-1")
 ]
 
 
@@ -180,8 +180,8 @@ class Links(Section):
     join_isolated: Annotated[
         bool, Field(description="link a disc without links to a neighbour; ours")
     ] = True
-    normal_factor: Annotated[Positive, Field(description="k of links / k, eq. S1-8, S2-1")] = 1.0
-    tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T; S2-1")] = 1.0
+    normal_factor: Annotated[Positive, Field(description="k of links / k; ours")] = 1.0
+    tangential_factor: Annotated[Positive, Field(description="k_T of links / k_T; ours")] = 1.0
     stretched_tangential_dashpot: Annotated[
         bool, Field(description="tangential dashpot of links longer than r_i + r_j; ours")
     ] = True

@@ -68,7 +68,7 @@ def take(
         i=i, j=j, separation=np.column_stack([dx, dy]),
         # The kernel's forces act on i, and positive ones pull.
         normal=-(fx * ex + fy * ey), tangential=-(fy * ex - fx * ey),
-        kind=kind, walls=np.zeros((0, 3)),
+        kind=kind, walls=np.zeros((0, 3)), mass=discs.mass.copy(),
     )  # fmt: skip
 
 

@@ -66,7 +66,7 @@ Reading order: ``parameters``, ``driving``, ``scenario``, ``diametral``, ``suspe
 
 from collections.abc import Sequence
 
-from shear_sim.models.interface import Simulation
+from shear_sim.models.interface import Simulation, SnapshotUnits
 from shear_sim.models.soft_particle.columns import COLUMNS, DERIVED, MEASURED, derive
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.streams import Streams
@@ -74,6 +74,16 @@ from shear_sim.streams import Streams
 POINT = SoftParticlePoint
 PHYSICS_VERSION = 4  # raised with any change of numbers; part of every job id
 THREADS = True
+SNAPSHOT_UNITS = SnapshotUnits(
+    "m",
+    "N/m",
+    "plus, on the diagonal, the sum of particles/core of the GSD file / area is the stress of "
+    "springs and cores: without friction exactly, with it to 1 % of the pressure. The stress of "
+    "the result has dashpots and inertia too, of up to 4 % of the pressure at the first record "
+    "and 2 % later. Between plates a fixed vertex counts as one at y = 0; of a box the area is "
+    "box_area of the result, whose stress is that on the walls. Rigid particles have no part in "
+    "the sum",
+)
 
 __all__ = [
     "COLUMNS",
@@ -81,6 +91,7 @@ __all__ = [
     "MEASURED",
     "PHYSICS_VERSION",
     "POINT",
+    "SNAPSHOT_UNITS",
     "THREADS",
     "compile_for",
     "derive",

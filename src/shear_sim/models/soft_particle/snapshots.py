@@ -77,6 +77,7 @@ def take(
         normal=normal.copy(), tangential=tangential.copy(), kind=kind.astype(np.int8),
         walls=planes,
         energy=system.particle_energies()[chains.chain], core=_cores(system),
+        mass=chains.mass.copy(),
     )  # fmt: skip
 
 

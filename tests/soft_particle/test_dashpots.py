@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from soft_particles import HOUSE, chain, finished, points, probe, ring, system
 
+from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.bodies import Shell
+from shear_sim.models.soft_particle.simulation import SoftParticleSimulation
 from shear_sim.models.soft_particle.system import Wall
+from shear_sim.streams import Streams
 
 
 def decay(s, displacement, period):
@@ -48,6 +51,27 @@ def test_a_hinge_is_damped_by_a_fraction_of_critical():
     got = decay(s, lambda m: m.y[0] - m.y[1], 2 * np.pi / frequency)
     rate = 2 * zeta * np.sqrt(bend * 0.5 / 3) / (2 * inertia)
     assert got == pytest.approx(np.exp(-rate * 4 * np.pi / frequency), rel=0.02)
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.4, 1.0])
+def test_the_damped_step_is_stable(damping):
+    """A ring that is stirred comes to rest at this step; at 2.5 times of it, it explodes."""
+    model = {"damping": damping, "drag": 0, "inner_damping": 0}
+    shear = {"kind": "vibration", "periods": 4, "amplitude": 1e-3}
+    given = points(packing={"vertices": 24}, model=model, shear=shear)()
+    s = SoftParticleSimulation(given, Streams(1, 0)).run.system
+    rng = np.random.default_rng(1)
+    s.motion.vx[:], s.motion.vy[:] = 1e-6 * rng.standard_normal((2, 24))
+    s.rules = s.rules._replace(step=0.98 * s.damped_step())
+    s.begin()
+    stirred = s.kinetic()
+    s.advance(2000)
+    assert s.kinetic() < 0.1 * stirred
+    s.rules = s.rules._replace(step=2.5 * s.damped_step())
+    with pytest.raises(
+        SimulationError, match=r"surely stable up to integrator\.step = 0\.\d+: that"
+    ):
+        s.advance(20000)
 
 
 def test_drag_against_the_own_particle():

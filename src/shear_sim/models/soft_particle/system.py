@@ -48,6 +48,7 @@ IndexArray = NDArray[np.int64]
 FRACTION = 0.2  # of the longest stable step
 #: Of a two-sided contact, distance / distance of touching: in one step, in which two vertices move
 #: by a quarter of that each, nothing goes through unseen.
+SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
 NEAREST = 0.25
 SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
 SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less
@@ -136,6 +137,21 @@ def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: f
             total += modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
         highest = max(highest, total / float(chains.mass[part].min()))
     return math.sqrt(highest)
+
+
+def highest_damping(chains: Chains, drag: float) -> float:
+    """Return a bound Γ [1/s] on the rates at which dashpots inside chains and drag end motions.
+
+    Γ m = 4 c_s + 16 c_b/ℓ² + inner damping + drag, as in ``highest_frequency``.
+    """
+    highest = 0.0
+    for p in range(len(chains.closed)):
+        part = slice(chains.start[p], chains.start[p + 1])
+        least = float(chains.rest_length[part].min())
+        total = 4.0 * float(chains.stretch_damping[p]) + drag + float(chains.inner_damping[p])
+        total += 16.0 * float(chains.bend_damping[p]) / least**2
+        highest = max(highest, total / float(chains.mass[part].min()))
+    return highest
 
 
 class System:
@@ -401,17 +417,26 @@ class System:
         first, end = self.chains.start[p : p + 2]
         return float(ring_area(self.motion.x, self.motion.y, first, end))
 
+    def damped_step(self) -> float:
+        """Return a step h [s] that is stable with the dashpots of chains too, whatever moves.
+
+        They see velocities predicted half a step ahead, which asks for (h ω)²/4 + h Γ ≤ 1.
+        """
+        omega = 2.0 / self.stable_step
+        share = highest_damping(self.chains, self.rules.drag) / omega
+        return self.stable_step * (math.sqrt(1.0 + share * share) - share)
+
     def _guard(self, status: int) -> None:
         """Stop if the state means nothing any more."""
         problem, m = "", self.motion
         if status == NOT_FINITE or not np.isfinite(m.x.sum() + m.y.sum()):
             lost = ~np.isfinite(m.x + m.y + m.vx + m.vy)
             where = self._vertex(int(lost.argmax())) if lost.any() else "a vertex"
-            problem = f"the position of {where} is not finite: a shorter time_step, or slower walls"
+            problem = f"the position of {where} is not finite: {SHORTER}{self._damped()}"
         elif status == TOO_FAST:
             problem = (
                 f"{self._vertex(int((m.vx**2 + m.vy**2).argmax()))} moves by more than half its "
-                "radius in one step: a shorter time_step, slower walls, or less load"
+                f"radius in one step: {SHORTER}, or less load{self._damped()}"
             )
         elif status != RUNNING:
             problem = (
@@ -422,13 +447,23 @@ class System:
             which = 0 if self.work.closest[0] < 0.5 * DEEPEST else 1
             problem = (
                 f"{self._vertex(int(self.work.near[which]))} went through a segment or a wall: a "
-                "larger contact stiffness, a shorter time_step, or slower walls"
+                f"larger model.contact_stiffness, {SHORTER}"
             )
         else:
             problem = misshapen(self.chains, m.x, m.y)
         if problem:
             msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
             raise SimulationError(msg)
+
+    def _damped(self) -> str:
+        """Return what to do where dashpots may be what makes the step unstable."""
+        share = self.damped_step() / self.stable_step
+        if self.rules.step <= share * self.stable_step:
+            return ""
+        return (
+            f"; with these dashpots a step is surely stable up to integrator.step = {share:.2g}: "
+            "that, or less model.damping"
+        )
 
     def _vertex(self, k: int) -> str:
         return f"a vertex of particle {self.chains.chain[k]}"

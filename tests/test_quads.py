@@ -66,3 +66,4 @@ def test_rows_begin_where_a_cache_line_does() -> None:
         assert rows.shape == (n,)
         assert rows.ctypes.data % LINE == 0
         assert not rows.any()
+        assert zeros_in_lines(n, 512, 256).ctypes.data % 512 == 256

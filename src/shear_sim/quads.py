@@ -27,11 +27,13 @@ _NUMBER, _PLACE = ir.DoubleType(), ir.IntType(32)
 _VECTOR = ir.VectorType(_NUMBER, 4)
 
 
-def zeros_in_lines(n: int) -> Floats:
-    """Return ``n`` zeros that begin where a cache line does: no aligned row lies in two lines."""
-    spare = LINE // 8
-    raw = np.zeros(n + spare)
-    first = -raw.ctypes.data % LINE // 8
+def zeros_in_lines(n: int, period: int = LINE, phase: int = 0) -> Floats:
+    """Return ``n`` zeros that begin where a cache line does: no aligned row lies in two lines.
+
+    They begin at a multiple of ``period``, and ``phase`` more [bytes].
+    """
+    raw = np.zeros(n + period // 8)
+    first = (phase - raw.ctypes.data) % period // 8
     return raw[first : first + n]
 
 

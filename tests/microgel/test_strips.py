@@ -26,7 +26,7 @@ from shear_sim.models.microgel.parameters import Integrator, Links, Record
 from shear_sim.models.microgel.preparation import MicrogelRun
 from shear_sim.models.microgel.prepared import PreparedMicrogel
 from shear_sim.models.microgel.simulation import make_pairs, make_work
-from shear_sim.models.microgel.state import OPEN, places_of
+from shear_sim.models.microgel.state import OPEN, PERIOD, PHASE, places_of
 from shear_sim.models.microgel.strips import STRIP, edges_of, in_strips, joined, share, shared_by
 from shear_sim.packing import Cell, Equilibration
 from shear_sim.protocol import OscillatoryShear
@@ -260,3 +260,12 @@ def test_every_thread_has_the_pairs_of_its_discs(threads):
         assert np.array_equal(np.column_stack([own_pairs.i[at], own_pairs.j[at]]), ends[mine])
     for one, other in zip(joined(lists, works), pairs, strict=True):
         assert np.array_equal(one, other)
+
+
+def test_what_is_written_is_never_taken_for_what_is_read():
+    """Columns of the pairs' table and of the block begin apart, in every list that is made."""
+    simulation = prepared(SCENES["links"])
+    for _ in range(3):
+        assert simulation.contacts.table.ctypes.data % PERIOD == 0
+        assert simulation.work.block.ctypes.data % PERIOD == PHASE
+        simulation.advance(20)

@@ -55,7 +55,7 @@ def test_a_hinge_is_damped_by_a_fraction_of_critical():
 
 @pytest.mark.parametrize("damping", [0.1, 0.4, 1.0])
 def test_the_damped_step_is_stable(damping):
-    """A ring that is stirred comes to rest at this step; at 2.5 times of it, it explodes."""
+    """A ring that is stirred comes to rest at this step, and explodes at 1.4 times of it."""
     model = {"damping": damping, "drag": 0, "inner_damping": 0}
     shear = {"kind": "vibration", "periods": 4, "amplitude": 1e-3}
     given = points(packing={"vertices": 24}, model=model, shear=shear)()
@@ -66,8 +66,8 @@ def test_the_damped_step_is_stable(damping):
     s.begin()
     stirred = s.kinetic()
     s.advance(2000)
-    assert s.kinetic() < 0.1 * stirred
-    s.rules = s.rules._replace(step=2.5 * s.damped_step())
+    assert s.kinetic() < 0.3 * stirred  # it drifts and turns as a whole
+    s.rules = s.rules._replace(step=1.4 * s.damped_step())
     with pytest.raises(
         SimulationError, match=r"surely stable up to integrator\.step = 0\.\d+: that"
     ):

@@ -21,6 +21,7 @@ from shear_sim.models.microgel.state import (
     OSCILLATION,
     PAIR_ROWS,
     PER_SUM,
+    PERIOD,
     REST,
     STATE,
     STEADY,
@@ -93,10 +94,11 @@ def whole_list(n: int) -> NDArray[np.int64]:
 def empty_pairs(n: int) -> Pairs:
     """Return ``n`` pairs of one strip, without discs and without history."""
     blocks = (n + LANES - 1) // LANES
-    return Pairs(
-        i=np.zeros(n, np.uint32), j=np.zeros(n, np.uint32),
-        table=np.zeros((blocks, PAIR_ROWS * LANES)), strips=whole_list(n),
-    )  # fmt: skip
+    numbers = blocks * PAIR_ROWS * LANES
+    raw = np.zeros(numbers + PERIOD // 8)
+    first = -raw.ctypes.data % PERIOD // 8
+    table = raw[first : first + numbers].reshape((blocks, PAIR_ROWS * LANES))
+    return Pairs(np.zeros(n, np.uint32), np.zeros(n, np.uint32), table, whole_list(n))
 
 
 @jit(inner=True)

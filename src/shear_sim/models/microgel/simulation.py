@@ -23,6 +23,8 @@ from shear_sim.models.microgel.state import (
     NX,
     NY,
     OSCILLATION,
+    PERIOD,
+    PHASE,
     ROW,
     RUNNING,
     SPRING,
@@ -137,7 +139,7 @@ def make_work(n: int) -> Work:
     """Return the work arrays for N discs."""
 
     def per_disc() -> FloatArray:
-        return np.zeros(n)
+        return zeros_in_lines(n)
 
     edges = edges_of(n)
     return Work(
@@ -151,7 +153,7 @@ def make_work(n: int) -> Work:
         x0=per_disc(), y0=per_disc(),
         wx=np.zeros(n, np.int32), wy=np.zeros(n, np.int32), lx=per_disc(), ly=per_disc(),
         strain0=np.zeros(1), largest=np.zeros(1), turns=np.zeros(1, np.int32),
-        block=np.zeros(BLOCK_ROWS * LANES),
+        block=zeros_in_lines(BLOCK_ROWS * LANES, PERIOD, PHASE),
         closest=np.array([1.0, 1.0, 0.0, 1.0]), stopped=np.zeros(2),
         tensors=np.zeros(SUMS), totals=np.zeros(SUMS), check=np.zeros(1),
         stored=np.zeros(1), power=np.zeros(7), energy=np.zeros(6),

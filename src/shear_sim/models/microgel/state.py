@@ -139,6 +139,10 @@ LANES = 64  # pairs in a block
 ) = range(0, 10 * LANES, LANES)  # fmt: skip
 PAIR_ROWS = 10
 BLOCK_ROWS = 19
+#: Where Pairs.table and Work.block begin [bytes]: at multiples of a column, but for half of one. A
+#: processor that knows an address by its last 12 bits would else take what is written to one for
+#: what is read from the other, and wait: a step then took up to half as long again.
+PERIOD, PHASE = 8 * LANES, 4 * LANES
 NEAR = 4  # distances by which listed contacts are told apart
 SUMS = 16  # made of each strip, at most
 #: Columns of Pairs.strips: the first pair, how many may act by now, and how many are listed that

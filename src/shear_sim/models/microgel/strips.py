@@ -21,6 +21,8 @@ from shear_sim.models.microgel.state import (
     FIRST,
     LANES,
     PAIR_ROWS,
+    PERIOD,
+    PHASE,
     Pairs,
     Work,
 )  # fmt: skip
@@ -59,7 +61,8 @@ def shared_by(work: Work, threads: int) -> list[Work]:
                 "stored", "power", "energy",
             )  # fmt: skip
             own = own._replace(
-                force_rows=zeros_in_lines(4 * n), block=np.zeros(BLOCK_ROWS * LANES),
+                force_rows=zeros_in_lines(4 * n),
+                block=zeros_in_lines(BLOCK_ROWS * LANES, PERIOD, PHASE),
                 **{name: getattr(work, name).copy() for name in private},
             )  # fmt: skip
         works.append(own)
@@ -132,10 +135,9 @@ def _place(strips: NDArray[np.int64]) -> None:
 
 def _zeros(strips: NDArray[np.int64]) -> Pairs:
     n = int((strips[:, FIRST] + strips[:, ALL])[strips[:, ALL] > 0].max(initial=0))
-    return Pairs(
-        np.zeros(n, np.uint32), np.zeros(n, np.uint32),
-        np.zeros((-(-n // LANES), PAIR_ROWS * LANES)), strips,
-    )  # fmt: skip
+    table = zeros_in_lines(-(-n // LANES) * PAIR_ROWS * LANES, PERIOD)
+    i, j = np.zeros(n, np.uint32), np.zeros(n, np.uint32)
+    return Pairs(i, j, table.reshape(-1, PAIR_ROWS * LANES), strips)
 
 
 def _copy(pairs: Pairs, first: int, new: Pairs, to: int, n: int) -> None:

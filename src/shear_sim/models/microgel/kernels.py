@@ -124,12 +124,12 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
     return total
 
 
-@jit(_nrt=False)
+@jit(inner=True)
 def write_rows(discs: Discs, work: Work) -> None:
     """Write to ``work.disc_rows`` what pairs ask of this thread's discs, eight numbers each.
 
-    Position and predicted velocity; then velocity of the rim, its displacement in the step that
-    ends now, and the place in the cell (of the last record).
+    Position [m] and predicted velocity [m/s]; then velocity of the rim [m/s], its displacement in
+    the step that ends now [m], and the place in the cell, of the last record [m].
     """
     rows, begin, end = work.disc_rows, work.begin, work.end
     whole = end - (end - begin) % FOUR
@@ -142,11 +142,14 @@ def write_rows(discs: Discs, work: Work) -> None:
         store(rows, at + EIGHT, q)
         store(rows, at + TWO * EIGHT, r)
         store(rows, at + THREE * EIGHT, s)
-        radius = load(discs.radius, a)
-        p, q, r, s = transpose(
-            multiply(radius, load(work.pspin, a)), multiply(radius, load(work.turn, a)),
-            load(work.lx, a), load(work.ly, a),
-        )  # fmt: skip
+        rim = rolled = (0.0, 0.0, 0.0, 0.0)
+        if TANGENTIAL:
+            radius = load(discs.radius, a)
+            rim, rolled = (
+                multiply(radius, load(work.pspin, a)),
+                multiply(radius, load(work.turn, a)),
+            )
+        p, q, r, s = transpose(rim, rolled, load(work.lx, a), load(work.ly, a))
         store(rows, at + FOUR, p)
         store(rows, at + EIGHT + FOUR, q)
         store(rows, at + TWO * EIGHT + FOUR, r)

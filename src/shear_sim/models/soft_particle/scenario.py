@@ -63,10 +63,10 @@ class Scenario(ABC):
 
 
 @contextmanager
-def more_drag(system: System, unit: Scales, share: float = SYRUP) -> Iterator[None]:
-    """Let vertices have ``share`` · m ω₁ more drag for a while."""
+def more_drag(system: System, unit: Scales) -> Iterator[None]:
+    """Let vertices have ``SYRUP`` · m ω₁ more drag for a while."""
     rules = system.rules
-    system.rules = rules._replace(drag=rules.drag + share * unit.mass * unit.frequency)
+    system.rules = rules._replace(drag=rules.drag + SYRUP * unit.mass * unit.frequency)
     yield
     system.rules = rules
 

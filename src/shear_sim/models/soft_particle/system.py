@@ -46,9 +46,9 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
 FRACTION = 0.2  # of the longest stable step
+SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
 #: Of a two-sided contact, distance / distance of touching: in one step, in which two vertices move
 #: by a quarter of that each, nothing goes through unseen.
-SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
 NEAREST = 0.25
 SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
 SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less

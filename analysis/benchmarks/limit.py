@@ -2,11 +2,11 @@
 
 .venv/bin/python analysis/benchmarks/limit.py
 
-Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and rows of four
-numbers whose differences are taken, and that are added to, where pairs meet discs. A processor can
-do these three at the same time: the longest of them is the least time. One after the other is what
-loops of their own, as ours, take if they never wait. Per disc: every array once through memory.
-Counts are those of our method; another method has others.
+Per pair: divisions and roots (8 at once with AVX-512), other vector operations, and rows of
+eight numbers whose differences are taken, and of four that are added to, where pairs meet discs. A
+processor can do these three at the same time: the longest of them is the least time. One after the
+other is what loops of their own, as ours, take if they never wait. Per disc: every array once
+through memory. Counts are those of our method; another method has others.
 """
 
 import argparse
@@ -18,16 +18,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from shear_sim.quads import add, load, store, subtract, zeros_in_lines
+from shear_sim.quads import add, load, load_eight, multiply, row_of, store, zeros_in_lines
 
 FloatArray = NDArray[np.float64]
 
 # Of the force on a pair, counted in the machine code of `pair_forces`: sums, products and extremes,
-# then comparisons, selections and signs; and 6.5 operations on four numbers that turn rows into
-# columns and back.
-DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73 + 17 + 26
-# Rows of four of a pair and its discs: differences, and rows that a force is added to.
-DIFFERENCES, SUMS = 2, 2
+# then comparisons, selections and signs; and what turns rows into columns, 22 operations on eight
+# numbers for eight pairs, and back, 3 on four numbers a pair.
+DIVISIONS, ROOTS, OPERATIONS = 3, 1, 73 + 17 + 22 + 12
+# Rows of a pair and its discs: differences, and rows that a force is added to.
+DIFFERENCES, SUMS = 1, 2
 # Bytes that a step goes through: of a pair its table (10 numbers) and two indices, of a disc 35
 # numbers. What is written goes both ways: 5 of the table, 29 of a disc.
 PAIR_BYTES, PAIR_WRITTEN, DISC_BYTES, DISC_WRITTEN = 8 * 10 + 8, 8 * 5, 8 * 35, 8 * 29
@@ -35,7 +35,7 @@ REPEATS = 15
 
 
 class Machine(NamedTuple):
-    """Measured times [s]: of one number each, as part of a vector or not, and of a row of four."""
+    """Measured times [s]: of one number each, as part of a vector or not, and of a row."""
 
     division: float
     root: float
@@ -72,9 +72,10 @@ def _multiply_and_add(a: FloatArray, b: FloatArray) -> None:
 
 @numba.njit
 def _difference(index: NDArray[np.uint32], rows: FloatArray, between: FloatArray) -> None:
+    sign = row_of((-1.0, -1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0))
     for i in range(index.shape[0] // 2):
-        one, other = load(rows, index[2 * i]), load(rows, index[2 * i + 1])
-        store(between, 4 * (i % 64), subtract(other, one))
+        one, other = load_eight(rows, 2 * index[2 * i]), load_eight(rows, 2 * index[2 * i + 1])
+        store(between, 8 * (i % 64), add(other, multiply(sign, one)))
 
 
 @numba.njit
@@ -123,8 +124,8 @@ def measure() -> Machine:
     rng = np.random.default_rng(0)
     index = 4 * np.concatenate([rng.permutation(n) for _ in range(2000)]).astype(np.uint32)
     values = rng.random(len(index))
-    rows, four = zeros_in_lines(4 * n), np.ones(4)
-    between = zeros_in_lines(256)
+    rows, four = zeros_in_lines(8 * n), np.ones(4)
+    between = zeros_in_lines(512)
     sizes = 2.0 ** np.arange(14, 28)
     per_byte = []
     for size in sizes:

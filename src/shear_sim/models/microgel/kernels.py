@@ -18,6 +18,8 @@ with v_rel = c_j − c_i + γ̇ Δy e_x, which holds for every image. Lever arms
 (torque) are r d/(r_i + r_j) or r; only b = r d/(r_i + r_j), eq. S1-3, conserves angular momentum.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,7 +80,16 @@ from shear_sim.models.microgel.state import (
     Work,
 )
 from shear_sim.prefetch import prefetch
-from shear_sim.quads import Quad, add, load, multiply, store, subtract, transpose
+from shear_sim.quads import (
+    add,
+    load,
+    load_eight,
+    multiply,
+    row_of,
+    store,
+    transpose,
+    transpose_eight,
+)
 from shear_sim.threads import Meeting, add_up, bits, largest_of, meet, number
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
@@ -88,18 +99,18 @@ TANGENTIAL = True
 TALLY = False  # whether the energy balance is kept too
 RESET = False  # whether a slip empties the spring, as in the historical program
 
-CACHED_ROWS = 100  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
+CACHED_ROWS = 50  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
 
 # Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
-# rims, place in the cell; then force on i and torque / r; then extremes over all blocks; then what
-# TALLY asks for.
+# rims, place in the cell; then distance, direction and relative velocity along and across it; then
+# force on i and torque / r; then extremes over all blocks; then what TALLY asks for.
 (
-    DX, DY, CX, CY, RIMS, ROLLED, LX, LY, FX, FY, TWIST, CLOSEST, LONGEST, CLOSING,
-    ELASTIC, VN, VT, BEFORE, SLID,
+    DX, DY, CX, CY, RIMS, ROLLED, LX, LY, AWAY, UX, UY, VN, VT, FX, FY, TWIST,
+    CLOSEST, LONGEST, CLOSING, ELASTIC, BEFORE, SLID,
 ) = range(0, BLOCK_ROWS * LANES, LANES)  # fmt: skip
 
-ONE, TWO, THREE = np.uint64(1), np.uint64(2), np.uint64(3)
-FOUR, SIX, SEVEN, EIGHT = np.uint64(4), np.uint64(6), np.uint64(7), np.uint64(8)
+ONE, TWO, THREE, FOUR = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+FIVE, SIX, SEVEN, EIGHT = np.uint64(5), np.uint64(6), np.uint64(7), np.uint64(8)
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -132,28 +143,17 @@ def write_rows(discs: Discs, work: Work) -> None:
     the step that ends now [m], and the place in the cell, of the last record [m].
     """
     rows, begin, end = work.disc_rows, work.begin, work.end
-    whole = end - (end - begin) % FOUR
-    for a in range(begin, whole, FOUR):
-        at = a * EIGHT
-        p, q, r, s = transpose(
-            load(discs.x, a), load(discs.y, a), load(work.px, a), load(work.py, a)
-        )
-        store(rows, at, p)
-        store(rows, at + EIGHT, q)
-        store(rows, at + TWO * EIGHT, r)
-        store(rows, at + THREE * EIGHT, s)
-        rim = rolled = (0.0, 0.0, 0.0, 0.0)
-        if TANGENTIAL:
-            radius = load(discs.radius, a)
-            rim, rolled = (
-                multiply(radius, load(work.pspin, a)),
-                multiply(radius, load(work.turn, a)),
-            )
-        p, q, r, s = transpose(rim, rolled, load(work.lx, a), load(work.ly, a))
-        store(rows, at + FOUR, p)
-        store(rows, at + EIGHT + FOUR, q)
-        store(rows, at + TWO * EIGHT + FOUR, r)
-        store(rows, at + THREE * EIGHT + FOUR, s)
+    whole = end - (end - begin) % EIGHT
+    for a in range(begin, whole, EIGHT):
+        radius = load_eight(discs.radius, a)
+        octets = transpose_eight(
+            load_eight(discs.x, a), load_eight(discs.y, a),
+            load_eight(work.px, a), load_eight(work.py, a),
+            multiply(radius, load_eight(work.pspin, a)), multiply(radius, load_eight(work.turn, a)),
+            load_eight(work.lx, a), load_eight(work.ly, a),
+        )  # fmt: skip
+        for n in range(8):
+            store(rows, (a + np.uint64(n)) * EIGHT, octets[n])
     for a in range(whole, end):
         row = (
             discs.x[a], discs.y[a], work.px[a], work.py[a],
@@ -164,65 +164,46 @@ def write_rows(discs: Discs, work: Work) -> None:
             rows[a * EIGHT + np.uint64(n)] = row[n]
 
 
+@jit(inner=True)
+def between(rows: Floats, i: Unsigned, j: Unsigned, q: np.uint64) -> Any:
+    """Return what lies between the discs of pair ``q``: differences, but sums of what rims do."""
+    sign = row_of((-1.0, -1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0))
+    return add(load_eight(rows, j[q] * EIGHT), multiply(sign, load_eight(rows, i[q] * EIGHT)))
+
+
 @jit(_nrt=False)
-def gather(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
+def gather(
+    rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, record: bool
+) -> None:
     """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``.
 
-    ``rows``: what `write_rows` wrote.
+    ``rows``: what `write_rows` wrote. Places in the cell are for `stress_of` only, in a ``record``.
     """
     at = np.uint64(first)
-    whole = m - m % 4
-    for s in range(0, whole, 4):
-        p = at + np.uint64(s)
-        q, r, t = p + ONE, p + TWO, p + THREE
-        a, b, c, d = i[p] * EIGHT, i[q] * EIGHT, i[r] * EIGHT, i[t] * EIGHT
-        e, f, g, h = j[p] * EIGHT, j[q] * EIGHT, j[r] * EIGHT, j[t] * EIGHT
-        dx, dy, cx, cy = transpose(
-            subtract(load(rows, e), load(rows, a)), subtract(load(rows, f), load(rows, b)),
-            subtract(load(rows, g), load(rows, c)), subtract(load(rows, h), load(rows, d)),
+    whole = m - m % 8
+    for s in range(0, whole, 8):
+        q = at + np.uint64(s)
+        dx, dy, cx, cy, rims, rolled, lx, ly = transpose_eight(
+            between(rows, i, j, q), between(rows, i, j, q + ONE),
+            between(rows, i, j, q + TWO), between(rows, i, j, q + THREE),
+            between(rows, i, j, q + FOUR), between(rows, i, j, q + FIVE),
+            between(rows, i, j, q + SIX), between(rows, i, j, q + SEVEN),
         )  # fmt: skip
         store(block, DX + s, dx)
         store(block, DY + s, dy)
         store(block, CX + s, cx)
         store(block, CY + s, cy)
         if TANGENTIAL:
-            rims, rolled, _, _ = transpose(
-                add(load(rows, e + FOUR), load(rows, a + FOUR)),
-                add(load(rows, f + FOUR), load(rows, b + FOUR)),
-                add(load(rows, g + FOUR), load(rows, c + FOUR)),
-                add(load(rows, h + FOUR), load(rows, d + FOUR)),
-            )
             store(block, RIMS + s, rims)
             store(block, ROLLED + s, rolled)
+        if record:
+            store(block, LX + s, lx)
+            store(block, LY + s, ly)
     for s in range(whole, m):
         a, b = i[at + np.uint64(s)] * EIGHT, j[at + np.uint64(s)] * EIGHT
-        for n in range(6):
+        for n in range(8):
             one, other = rows[a + np.uint64(n)], rows[b + np.uint64(n)]
-            block[n * LANES + s] = other - one if n < 4 else other + one
-
-
-@jit(inner=True)
-def gather_places(
-    rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats
-) -> None:
-    """Write to ``block`` what lies between the places in the cell, for `stress_of`."""
-    at = np.uint64(first)
-    whole = m - m % 4
-    for s in range(0, whole, 4):
-        p = at + np.uint64(s)
-        q, r, t = p + ONE, p + TWO, p + THREE
-        _, _, lx, ly = transpose(
-            subtract(load(rows, j[p] * EIGHT + FOUR), load(rows, i[p] * EIGHT + FOUR)),
-            subtract(load(rows, j[q] * EIGHT + FOUR), load(rows, i[q] * EIGHT + FOUR)),
-            subtract(load(rows, j[r] * EIGHT + FOUR), load(rows, i[r] * EIGHT + FOUR)),
-            subtract(load(rows, j[t] * EIGHT + FOUR), load(rows, i[t] * EIGHT + FOUR)),
-        )
-        store(block, LX + s, lx)
-        store(block, LY + s, ly)
-    for s in range(whole, m):
-        a, b = i[at + np.uint64(s)] * EIGHT, j[at + np.uint64(s)] * EIGHT
-        block[LX + s] = rows[b + SIX] - rows[a + SIX]
-        block[LY + s] = rows[b + SEVEN] - rows[a + SEVEN]
+            block[n * LANES + s] = other + one if 4 <= n < 6 else other - one
 
 
 @jit(inner=True)
@@ -251,8 +232,9 @@ def pair_forces(
 ) -> None:
     """Work out the forces (M.2) to (M.4) of a block of ``m`` pairs, a row of ``Pairs.table``.
 
-    There is no branch and no sum over pairs in the loop, so that the compiler takes as many pairs
-    at once as the processor can.
+    There is no branch and no sum over pairs in the loops, so that the compiler takes as many pairs
+    at once as the processor can. Two loops: what follows from the distance waits for a root and a
+    division, and a processor sees more of the next pairs meanwhile where a loop does less.
     """
     k, kt, eta, etat = springs.k, springs.kt, springs.eta, springs.etat
     far_etat, reach, grip, pull = springs.far_etat, springs.reach, springs.grip, springs.pull
@@ -269,22 +251,41 @@ def pair_forces(
         inverse = 1.0 / max(d, 1e-300)
         ex = dx * inverse
         ey = dy * inverse
+        vx = block[CX + s] + rate * dy
+        vy = block[CY + s]
+        vn = vx * ex + vy * ey
         ratio = d * table[PER_SUM + s]
+        block[DX + s] = dx
+        block[DY + s] = dy
+        block[AWAY + s] = d
+        block[UX + s] = ex
+        block[UY + s] = ey
+        block[VN + s] = vn
+        if TANGENTIAL:
+            block[VT + s] = vy * ex - vx * ey
+        block[CLOSEST + s] = min(block[CLOSEST + s], ratio)
+        block[LONGEST + s] = max(block[LONGEST + s], ratio if d < max(D, reach) else 1.0)
+        closing = abs(vn) * inverse
+        block[CLOSING + s] = max(block[CLOSING + s], closing if d < D else 0.0)
+    for s in range(m):
+        D = table[SUM + s]
+        d = block[AWAY + s]
+        ex = block[UX + s]
+        ey = block[UY + s]
+        vn = block[VN + s]
         touching = d < D
         acts = d < max(D, reach)
         # A law is asked within contact only; a selection costs less than a branch.
         within = law(min(d, D), D, k, constants.law)
         elastic = within if touching else k * (d - D)
-        vx = block[CX + s] + rate * dy
-        vy = block[CY + s]
-        vn = vx * ex + vy * ey
         normal = min(elastic + eta * vn, pull)
         normal = normal if acts else 0.0
         along = 0.0
         if TANGENTIAL:
+            ratio = d * table[PER_SUM + s]
             arm = ratio if constants.contact_arms_in_torque else 1.0
             arm_v = ratio if constants.contact_arms_in_velocity else 1.0
-            vt = vy * ex - vx * ey - arm_v * (block[RIMS + s] - 0.5 * rate * D)
+            vt = block[VT + s] - arm_v * (block[RIMS + s] - 0.5 * rate * D)
             mean = 0.5 * (table[DISTANCE + s] + d)
             arm_v = mean * table[PER_SUM + s] if constants.contact_arms_in_velocity else 1.0
             turned = mean * (table[EX + s] * ey - table[EY + s] * ex)
@@ -336,23 +337,16 @@ def pair_forces(
             table[STATE + s] = STICK if acts else OPEN
         block[FX + s] = normal * ex - along * ey
         block[FY + s] = normal * ey + along * ex
-        block[DX + s] = dx
-        block[DY + s] = dy
-        block[CLOSEST + s] = min(block[CLOSEST + s], ratio)
-        block[LONGEST + s] = max(block[LONGEST + s], ratio if acts else 1.0)
-        closing = abs(vn) * inverse
-        block[CLOSING + s] = max(block[CLOSING + s], closing if touching else 0.0)
         if TALLY:
             block[ELASTIC + s] = elastic
-            block[VN + s] = vn
 
 
 @jit(inner=True)
-def push(rows: Floats, i: int, j: int, force: Quad) -> None:
+def push(rows: Floats, i: int, j: int, force: Any) -> None:
     """Add a force and its torque to the row of disc ``i``, and what they do to ``j``."""
     a, b = i * FOUR, j * FOUR
     store(rows, a, add(load(rows, a), force))
-    store(rows, b, add(load(rows, b), multiply((-1.0, -1.0, 1.0, 1.0), force)))
+    store(rows, b, add(load(rows, b), multiply(row_of((-1.0, -1.0, 1.0, 1.0)), force)))
 
 
 @jit(inner=True)
@@ -360,7 +354,7 @@ def scatter(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: F
     """Add the forces of a block to the rows of its discs: force, and torque by radius."""
     at = np.uint64(first)
     whole = m - m % 4
-    none = (0.0, 0.0, 0.0, 0.0)
+    none = row_of((0.0, 0.0, 0.0, 0.0))
     for s in range(0, whole, 4):
         q = at + np.uint64(s)
         twist = load(block, TWIST + s) if TANGENTIAL else none
@@ -541,7 +535,7 @@ def contact_forces(
                 row = first // LANES
                 table = pairs.table[row]
                 fetch(pairs.table, row + 1, 0)
-                gather(work.disc_rows, pairs.i, pairs.j, first, m, block)
+                gather(work.disc_rows, pairs.i, pairs.j, first, m, block, record)
                 fetch(pairs.table, row + 1, 1)
                 pair_forces(block, table, m, springs, c, offset, rate, h)
                 fetch(pairs.table, row + 1, 2)
@@ -549,20 +543,28 @@ def contact_forces(
                 scatter(work.force_rows, pairs.i, pairs.j, first, m, block)
                 fetch(pairs.table, row + 1, 3)
                 if record and work.lower <= strip < work.upper:
-                    gather_places(work.disc_rows, pairs.i, pairs.j, first, m, block)
                     stress_of(block, table, m, elsewhere, work.pair_sums[strip])
                 if TALLY:
                     tally_pairs(work, table, m, springs, c)
     read_rows(discs, work)
-    work.closest[0], work.closest[1], work.closest[2] = 1.0, 1.0, 0.0
-    for s in range(LANES):
-        work.closest[0] = min(work.closest[0], block[CLOSEST + s])
-        work.closest[1] = max(work.closest[1], block[LONGEST + s])
-        work.closest[2] = max(work.closest[2], block[CLOSING + s])
+    fold_extremes(block, work.closest)
     all_extremes(work.closest, work.extremes, work.thread, work.threads, work.meeting)
     work.closest[3] = min(work.closest[3], work.closest[0])
     if record:
         add_up(work.pair_sums, work.tensors)
+
+
+@jit(inner=True)
+def fold_extremes(block: Floats, closest: Floats) -> None:
+    """Leave the extremes of all lanes in ``closest``: halves on halves, which are vectors."""
+    width = LANES // 2
+    while width >= 1:
+        for s in range(width):
+            block[CLOSEST + s] = min(block[CLOSEST + s], block[CLOSEST + width + s])
+            block[LONGEST + s] = max(block[LONGEST + s], block[LONGEST + width + s])
+            block[CLOSING + s] = max(block[CLOSING + s], block[CLOSING + width + s])
+        width //= 2
+    closest[0], closest[1], closest[2] = block[CLOSEST], block[LONGEST], block[CLOSING]
 
 
 @jit(inner=True)
@@ -800,11 +802,14 @@ def run(
     begin, end = work.begin, work.end
     filled = 0
     substeps = 0
+    strain = rate = 0.0
     for k in range(max(first, -1), last):
         start = k < 0  # what comes before step 0
         now = segment(clock, max(k, 0))
-        strain, rate = strain_at(clock, now, max(k, 0), 0.0)
-        if start or (k > 0 and now != segment(clock, k - 1)):
+        jumps = k > 0 and now != segment(clock, k - 1)
+        if k <= first or jumps:
+            strain, rate = strain_at(clock, now, max(k, 0), 0.0)
+        if start or jumps:
             # The rate jumps: forces anew, with the rate on this side of the jump.
             before = 0.0 if start else strain_at(clock, segment(clock, k - 1), k - 1, 1.0)[1]
             if not constants.affine:

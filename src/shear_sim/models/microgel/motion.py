@@ -52,8 +52,11 @@ def segment(clock: Clock, k: int) -> int:
 def strain_at(clock: Clock, kind: int, k: int, fraction: float) -> tuple[float, float]:
     """Return γ and γ̇ at step k + fraction of a step that lies in a segment of this kind.
 
-    The phase is reduced in whole steps, so γ = A sin(2π t/T) is exact however long the run.
+    The phase is reduced in whole steps, so γ = A sin(2π t/T) is exact however long the run, and a
+    step ends exactly where the next one begins.
     """
+    whole = int(fraction)
+    k, fraction = k + whole, fraction - whole
     if kind == OSCILLATION:
         phase = 2.0 * np.pi * (((k - clock.begin) % clock.per_period) + fraction) / clock.per_period
         rate = clock.amplitude * 2.0 * np.pi / (clock.per_period * clock.step)
@@ -295,10 +298,12 @@ def moved(discs: Discs, work: Work, contacts: Pairs, constants: Constants, strai
     stretch = 0.5 * abs(change) + np.sqrt(1.0 + 0.25 * change * change) - 1.0
     way = 2.0 * np.sqrt(farthest2) + stretch * 2.0 * work.largest[0]
     if way <= constants.skin:
-        # A pair that has touched since stays in, so that its history is not lost.
+        # A pair that has touched since stays in, so that its history is not lost. Whole octets, as
+        # far as pairs are listed, take less time than a few pairs by themselves.
         within = WITHIN + min(int(NEAR * way / constants.skin), NEAR - 1)
         for s in range(contacts.strips.shape[0]):
-            contacts.strips[s, COUNT] = max(contacts.strips[s, COUNT], contacts.strips[s, within])
+            count = max(contacts.strips[s, COUNT], contacts.strips[s, within])
+            contacts.strips[s, COUNT] = min((count + 7) // 8 * 8, contacts.strips[s, ALL])
     return float(way)
 
 

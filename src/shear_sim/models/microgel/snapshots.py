@@ -98,7 +98,7 @@ def _forces(
     ]
     for first, m in blocks:
         table = pairs.table[first // LANES].copy()
-        kernels.gather(work.disc_rows, pairs.i, pairs.j, first, m, block)
+        kernels.gather(work.disc_rows, pairs.i, pairs.j, first, m, block, False)
         # A step of no length moves no spring.
         kernels.pair_forces(block, table, m, springs, constants, offset, rate, 0.0)
         for row, name in zip(found, ("DX", "DY", "FX", "FY"), strict=True):

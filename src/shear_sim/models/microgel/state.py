@@ -130,7 +130,7 @@ class PairState(NamedTuple):
     state: Ints  # OPEN, STICK or SLIDE
 
 
-LANES = 64  # pairs in a block
+LANES = 128  # pairs in a block
 #: Columns of Pairs.table: image of j, D = r_i + r_j [m] and its inverse; unit vector from i to j
 #: and distance [m] at the last force evaluation; tangential elongation ξ [m], and the second one
 #: of the historical rule; OPEN, STICK or SLIDE.
@@ -138,7 +138,7 @@ LANES = 64  # pairs in a block
     NX, NY, SUM, PER_SUM, EX, EY, DISTANCE, SPRING, SPRING_BACK, STATE,
 ) = range(0, 10 * LANES, LANES)  # fmt: skip
 PAIR_ROWS = 10
-BLOCK_ROWS = 19
+BLOCK_ROWS = 22
 #: Where Pairs.table and Work.block begin [bytes]: at multiples of a column, but for half of one. A
 #: processor that knows an address by its last 12 bits would else take what is written to one for
 #: what is read from the other, and wait: a step then took up to half as long again.

@@ -203,6 +203,17 @@ def test_rings_that_fell(tmp_path):
     assert result.summary["measured"]["start_void_ratio"] < 0.9
 
 
+def test_rings_that_fall_yield_under_the_lid_only():
+    """Under their weight, 0.1 σ*, rings that yield at 0.05 σ* would be flat before they start."""
+    given = point({"yield_moment": 0.02}, {"preparation": "gravity"}, {"strain": 0.1})
+    plastic = prepared(given, 3)
+    elastic = prepared(point(packing={"preparation": "gravity"}, shear={"strain": 0.1}), 3)
+    assert (plastic.run.system.motion.x == elastic.run.system.motion.x).all()
+    assert (plastic.run.system.chains.moment == elastic.run.system.chains.moment).all()
+    plastic.advance(10)
+    assert plastic.columns()["lost_by_yield"][-1] > 0.0
+
+
 def test_a_fall_may_be_stopped_and_shared():
     """Nothing falls before it is asked to; in parts, from a file, on two threads: same bits."""
     assert prepared_in_parts(point(packing={"preparation": "gravity", "rigid_share": 0.3})) > 2

@@ -72,7 +72,7 @@ from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.streams import Streams
 
 POINT = SoftParticlePoint
-PHYSICS_VERSION = 4  # raised with any change of numbers; part of every job id
+PHYSICS_VERSION = 5  # raised with any change of numbers; part of every job id
 THREADS = True
 SNAPSHOT_UNITS = SnapshotUnits(
     "m",

@@ -63,6 +63,11 @@ class Compactor(Scenario):
         self.settling = 0.0
         self.weights = [1.0, -1.0] if falling else []  # put on, each until the rings are at rest
         self.rest: Rest | None = None
+        # Rings that fall do not yield: their weight is more than plastic ones bear.
+        chains = self.system.chains
+        self.yields = chains.stretch_yield.copy(), chains.bend_yield.copy()
+        if falling:
+            chains.stretch_yield[:] = chains.bend_yield[:] = math.inf
         self.ready = False
 
     def prepare(self, periods: int) -> bool:
@@ -89,6 +94,7 @@ class Compactor(Scenario):
     def _set_out(self) -> None:
         """Bring the lid to where it touches, and start from there."""
         system, shear, walls = self.system, self.shear, self.system.walls
+        system.chains.stretch_yield[:], system.chains.bend_yield[:] = self.yields
         self.first = system.steps
         top = self.start = float(system.motion.y.max()) + float(system.chains.radius[0])
         walls.position[LID] = -top

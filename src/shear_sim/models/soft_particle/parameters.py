@@ -70,8 +70,8 @@ class SoftParticlePacking(Section):
         Literal["discs", "gravity", "tissue"],
         Field(
             description="of a box. discs: the densest random packing of discs without friction. "
-            "gravity: rings that fell into it; section 5. tissue: the cells of these discs, which "
-            "fill it; section 6"
+            "gravity: rings that fell into it, and yielded nowhere; section 5. tissue: the cells "
+            "of these discs, which fill it; section 6"
         ),
     ] = "discs"
     rigid_share: Annotated[

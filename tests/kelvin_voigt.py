@@ -21,7 +21,7 @@ from shear_sim.protocol import OscillatoryShear
 from shear_sim.schema import NonNegative, Section
 
 PHYSICS_VERSION = 1
-THREADS = True  # one is enough
+THREADS = "one for each strip"
 COLUMNS = (
     Column("time", "s", "time"),
     Column("strain", "1", "imposed strain"),
@@ -40,6 +40,7 @@ class KelvinVoigt(Section):
     viscosity: Annotated[float, Field(ge=0, description="η [Pa s]")] = 5.0
     noise: Annotated[NonNegative, Field(description="amplitude of white noise [Pa]")] = 0.0
     seconds: Annotated[NonNegative, Field(description="how long the simulation takes")] = 0.0
+    strips: Annotated[int, Field(ge=1, description="that threads could share")] = 1
     compiled: Annotated[bool, Field(description="whether the spring is a kernel of Numba")] = False
     fault: Annotated[
         Literal["none", "physics", "bug", "exit", "kill", "full", "uncompilable"],
@@ -138,6 +139,10 @@ def kernel():
     from shear_sim.compiled import jit  # half of the time that a process takes to start
 
     return jit(spring)
+
+
+def most_threads(point):
+    return point.model.strips
 
 
 def start(point, streams):

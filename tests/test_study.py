@@ -183,14 +183,56 @@ def test_defaults_are_hashed_as_if_written():
 
 def test_threads_are_no_part_of_a_job():
     """They change no number, so results made with any number of cores are the same results."""
-    assert ids("threads: 3") == ids("seed: 0")
-    assert {job.threads for job in study("threads: 3\nreplicates: 2").jobs()} == {3}
-    assert {job.threads for job in study("replicates: 2").jobs()} == {1}
+    large = "packing: {discs: 4000}\n"
+    assert ids(f"{large}threads: 3") == ids(large)
+    assert {job.threads for job in study(f"{large}threads: 3\nreplicates: 2").jobs()} == {3}
+    assert {job.threads for job in study(f"{large}replicates: 2").jobs()} == {1}
 
 
-def test_threads_of_a_model_that_has_none_are_refused():
-    told = report("model: {kind: hard_disc}\nshear: {kind: steady}\nthreads: 2\n")
-    assert "study.yaml:3: threads = 2: model hard_disc uses one core a job" in told
+HARD = "model: {kind: hard_disc}\nshear: {kind: steady}\n"
+RING = "model: {kind: soft_particle}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        (HARD, "hard_disc: one"),
+        ("packing: {discs: 2047}\n", "microgel: one for each 1,024 discs, and a single one with"),
+        ("packing: {discs: 9000}\nrecord: {energy: true}\n", "a single one with record.energy"),
+        (RING, "soft_particle: one for each 2,000 vertices"),
+    ],
+)
+def test_threads_that_no_job_could_use_are_refused(text, rule):
+    told = report(f"threads: 2\n{text}")
+    assert "study.yaml:1: threads = 2: every job of this study can use 1 core only" in told
+    assert f"({rule}" in told or f", and {rule}" in told
+    assert "leave threads out" in told
+
+
+def test_threads_are_the_most_that_a_job_uses(tmp_path):
+    """A job that has work for fewer has fewer, so that nobody pays for cores that are idle."""
+    rows = [f"{4e-6 * (n % 50):g},{4e-6 * (n // 50):g},2e-6" for n in range(2100)]
+    (tmp_path / "start.csv").write_text("\n".join(["x,y,radius", *rows]))
+    text = """
+threads: 8
+scenes:
+  small: {packing.discs: 2047}
+  medium: {packing.discs: 3072}
+  balanced: {packing.discs: 16384, record.energy: true}
+  large: {packing.discs: 16384}
+  from_a_file: {packing: {start: file, file: start.csv}}
+  rigid: {model: {kind: hard_disc}, packing: {discs: 16384}, shear: {kind: steady}}
+  ring: {model: {kind: soft_particle}, shear: {kind: diametral_compression}}
+  box: {model: {kind: soft_particle}, packing: {particles: 500, vertices: 24},
+    shear: {kind: compaction}}
+"""
+    path = tmp_path / "study.yaml"
+    path.write_text(text)
+    found = {job.labels[0][1]: job.threads for job in load_study(path).jobs()}
+    assert found == {
+        "small": 1, "medium": 3, "balanced": 1, "large": 8, "from_a_file": 2, "rigid": 1,
+        "ring": 1, "box": 4,
+    }  # fmt: skip
 
 
 @given(st.data())

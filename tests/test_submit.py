@@ -179,14 +179,44 @@ def test_every_script_leaves_the_warning_to_the_program(plan, fake):
 
 
 def test_a_task_has_the_cores_of_its_job(plan, fake):
-    """As many as the study gives one job; the report needs one."""
-    submit(replace(plan, study=replace(plan.study, threads=3)), Limits(minutes=600), print)
+    """Of the job that uses most, whatever the study asks for; the report needs one."""
+    run = [replace(job, threads=1 + n % 3) for n, job in enumerate(plan.run)]
+    asked = replace(plan.study, threads=64)
+    submit(replace(plan, study=asked, run=run), Limits(minutes=600), print)
     scripts = [path.read_text() for path in fake.folder.glob("script-*")]
     cores = {
         "--array=" in script: re.findall(r"#SBATCH --cpus-per-task=(\d+)\n", script)
         for script in scripts
     }
     assert cores == {True: ["3"], False: ["1"]}
+
+
+def with_threads(plan, **threads):
+    """Return the plan with those jobs only whose amplitudes are named, of so many threads each."""
+    names = {0.01: "small", 0.1: "medium", 1.0: "large"}
+    named = [(job, names[job.point.shear.strain_amplitude]) for job in plan.run]
+    run = [replace(job, threads=threads[name]) for job, name in named if name in threads]
+    return replace(plan, run=run)
+
+
+def test_a_task_runs_small_jobs_at_once(plan):
+    """On 4 cores one job of 4 threads, of 600 s, or four jobs of 1 thread."""
+    planned = replace(with_threads(plan, small=1, medium=1, large=4), memory_mb=400.0)
+    layout = lay_out(planned, Limits(max_tasks=1), set())
+    assert layout.seconds == pytest.approx(4 * (600 + 200 / 4 + 100 / 4))
+    assert (layout.cores, layout.memory_mb) == (4, 3 * 4 * 400)
+    assert "4 core(s) and 4800 MB each" in describe(layout, 1)
+    large = {job.id for job in planned.run if job.threads == 4}
+    rest = lay_out(planned, Limits(), large)
+    assert (rest.cores, rest.memory_mb) == (1, 3 * 400)
+
+
+def test_a_task_is_as_long_as_its_longest_job(plan):
+    """However many cores are beside the one that it uses."""
+    planned = with_threads(plan, small=4, large=1)
+    run = sorted(planned.run, key=lambda job: job.threads)
+    layout = lay_out(replace(planned, run=[run[0], run[-1]]), Limits(), set())
+    assert (layout.cores, len(layout.shares), layout.seconds) == (4, 1, 600)
 
 
 def test_no_warning_comes_before_the_program_is_ready_for_it(plan, fake):

@@ -25,14 +25,14 @@ from tools import (
 import shear_sim
 from shear_sim import sweep
 from shear_sim.aggregate import make_tables
-from shear_sim.plan import Costs, PlanError, default_workers, make_plan
+from shear_sim.plan import Costs, PlanError, default_cores, make_plan
 from shear_sim.results import Results, ResultsError
 from shear_sim.screen import Screen
 from shear_sim.single import differences
 from shear_sim.status import describe_status, read_status
 from shear_sim.study import load_study
 from shear_sim.tables import TableError, read_table
-from shear_sim.workers import Ending, Outcome
+from shear_sim.workers import Died, Ending, Outcome, Ready
 
 
 def make(study_file, root, **options):
@@ -400,25 +400,123 @@ def test_the_api_returns_the_finished_jobs_of_the_study_only(tmp_path, capsys):
     assert "the spring broke" in capsys.readouterr().out
 
 
-def test_workers_come_from_slurm_or_from_the_affinity(monkeypatch):
+def test_cores_come_from_slurm_or_from_the_affinity(monkeypatch):
     for name in ("SLURM_JOB_ID", "SLURM_CPUS_PER_TASK"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5})
-    assert default_workers() == 3
+    assert default_cores() == 3
     monkeypatch.setenv("SLURM_JOB_ID", "17")
-    assert default_workers() == 1
+    assert default_cores() == 1
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "4")
-    assert default_workers() == 4
+    assert default_cores() == 4
 
 
 @pytest.mark.parametrize(("cores", "workers"), [(1, 1), (2, 1), (5, 2), (9, 4)])
 def test_workers_leave_each_job_its_threads(cores, workers, monkeypatch, tmp_path):
-    study = write_study(tmp_path)
-    study.write_text(study.read_text() + "threads: 2\n")
+    study = shared(tmp_path, "[2]", threads=2)
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", str(cores))
     results = Results(tmp_path / "results")
-    assert make_plan(load_study(study), results).workers == workers
-    assert make_plan(load_study(study), results, jobs=3).workers == 3
+    assert make_plan(study, results).workers == workers
+    assert make_plan(study, results, jobs=3).workers == 3
+
+
+class Clockwork:
+    """Workers that take no time: the job that ends first is the next event; all is noted."""
+
+    def __init__(self, plan, seconds):
+        self.run, self.seconds = plan.run, seconds
+        self.now, self.count, self.events_before = 0.0, 0, [Ready()]
+        self.running, self.begun = {}, []
+
+    def add(self):
+        self.count += 1
+        return self.count
+
+    def give(self, worker, number):
+        assert worker not in self.running
+        job = self.run[number]
+        self.running[worker] = (self.now + self.seconds[job.threads], number)
+        self.begun.append((self.now, job.threads, sum(self.cores())))
+
+    def cores(self):
+        return [self.run[number].threads for _, number in self.running.values()]
+
+    def events(self, _timeout):
+        if self.events_before:
+            yield self.events_before.pop()
+            return
+        worker = min(self.running, key=self.running.get)
+        self.now, number = self.running.pop(worker)
+        yield Outcome(worker, number, Ending(), 1.0)
+
+    def close(self):
+        pass
+
+    kill = close
+
+
+def shared(folder, strips, threads=8, replicates=4):
+    """A study of the stand-in model whose jobs could be shared by ``strips`` threads."""
+    path = write_study(folder, replicates=replicates)
+    path.write_text(path.read_text() + f"threads: {threads}\n")
+    path.write_text(path.read_text().replace("model.fault: [none]", f"model.strips: {strips}"))
+    return load_study(path)
+
+
+def scheduled(plan, seconds, monkeypatch):
+    """Return the Clockwork that has run a plan whose jobs of n threads take ``seconds[n]``."""
+    clockwork = Clockwork(plan, seconds)
+    monkeypatch.setattr(sweep._Sweep, "_new_workers", lambda _: clockwork)
+    assert sweep.run_plan(plan, Screen()).done == len(plan.run)
+    return clockwork
+
+
+def test_jobs_of_few_threads_run_beside_those_of_many(tmp_path, monkeypatch):
+    """12 jobs each of 8, 2 and 1 threads on 12 cores: all cores are used, and never more."""
+    study = shared(tmp_path, "[1, 2, 30]")
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "12")
+    plan = make_plan(study, Results(tmp_path / "study"))
+    assert Counter(job.threads for job in plan.run) == {8: 12, 2: 12, 1: 12}
+    assert (plan.cores, plan.workers) == (12, 12)
+    assert "threads: 8, as far as jobs have use for it: 12 job(s) use 8, 12 job(s) use 2" in str(
+        plan
+    )
+    small_first = sorted(plan.run, key=lambda job: job.threads)
+    done = scheduled(replace(plan, run=small_first), {8: 10.0, 2: 9.0, 1: 8.0}, monkeypatch)
+    assert max(cores for *_, cores in done.begun) == 12
+    large = [time for time, threads, _ in done.begun if threads == 8]
+    assert large == [10.0 * n for n in range(12)]
+    assert done.now == 120.0  # so the others took no time of their own
+    assert done.count <= 1 + 4  # processes
+
+
+def test_jobs_of_more_threads_than_cores_run_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "3")
+    plan = make_plan(shared(tmp_path, "[1, 30]"), Results(tmp_path / "study"))
+    done = scheduled(plan, {8: 1.0, 1: 1.0}, monkeypatch)
+    assert [cores for *_, cores in done.begun if cores > 3] == [8] * 12
+    assert done.now == 12 + 12 / 3
+    jobs = make_plan(plan.study, Results(tmp_path / "study2"), jobs=2)
+    assert (jobs.cores, jobs.workers) == (16, 2)
+    assert scheduled(jobs, {8: 1.0, 1: 1.0}, monkeypatch).now == 24 / 2
+
+
+def test_what_jobs_take_together_is_estimated_by_their_threads(tmp_path, monkeypatch):
+    """On 12 cores one job of 8 threads runs at once, or 6 of 2, or 12 of 1."""
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "12")
+    plan = make_plan(shared(tmp_path, "[1, 2, 30]"), Results(tmp_path / "study"))
+    for job in plan.run:
+        plan.wall_s.add(plan.points[job.id], {8: 10.0, 2: 3.0, 1: 1.0}[job.threads])
+    estimate = plan.to_json()["estimate"]
+    assert estimate["wall_s"] == pytest.approx(12 * (10 + 3 / 6 + 1 / 12))
+
+
+def test_a_worker_that_dies_idle_is_given_nothing(tmp_path):
+    plan = make_plan(load_study(write_study(tmp_path)), Results(tmp_path / "study"))
+    stopped = sweep._Sweep(plan, Screen())
+    stopped.idle = [1, 2]
+    stopped._take(Died(1, -9))
+    assert (stopped.idle, stopped.failed) == ([2], {})
 
 
 @pytest.mark.parametrize("jobs", [0, -3])

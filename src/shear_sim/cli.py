@@ -43,7 +43,7 @@ Jobs = Annotated[
         "--jobs",
         "-j",
         min=1,
-        help="Worker processes. Default: what Slurm gave, else all cores, by those of one job.",
+        help="Worker processes. Default: as many as fit on the cores Slurm gave, else on all.",
     ),
 ]
 Shard = Annotated[

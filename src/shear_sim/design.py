@@ -160,7 +160,7 @@ class Design(Section):
     seed: Annotated[int, Field(ge=0, lt=2**63, description="of all random numbers")] = 0
     threads: Annotated[
         int,
-        Field(ge=1, le=64, description="cores of one job; its bits stay the same"),
+        Field(ge=1, le=64, description="most cores of one job; its bits stay the same"),
     ] = 1
 
 

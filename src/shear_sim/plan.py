@@ -2,7 +2,9 @@
 
 import os
 from collections import Counter, defaultdict
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +40,7 @@ class Costs:
         """Number of measurements."""
         return self._count[None]
 
-    def total(self, jobs: Counter[str]) -> float | None:
+    def total(self, jobs: Mapping[str, float]) -> float | None:
         """Return the expected cost of so many jobs of each point; None if nothing is measured."""
         if not self.measured:
             return None
@@ -66,6 +68,8 @@ class Plan:
         Failed jobs that are tried again, and those that failed by physics, which are not.
     orphans : int
         Results that the study does not ask for (any more); they are never deleted.
+    cores, workers : int
+        Most cores that all running jobs use together, and most jobs that run at once.
     points : dict
         Job id to the id of its point.
     """
@@ -80,6 +84,7 @@ class Plan:
     again: dict[str, Failure] = field(repr=False)
     waiting: dict[str, Failure] = field(repr=False)
     orphans: int
+    cores: int
     workers: int
     points: dict[str, str] = field(repr=False)
     cpu_s: Costs = field(repr=False)
@@ -87,10 +92,21 @@ class Plan:
     job_bytes: float | None
     memory_mb: float | None
 
+    @cached_property
+    def _at_once(self) -> dict[str, int]:
+        """Of each point, how many jobs there is room for."""
+        return {
+            point.id: max(1, min(self.workers, self.cores // point.threads))
+            for point in self.study.points
+        }
+
+    def time(self, wall_s: Costs, jobs: Mapping[str, int]) -> float | None:
+        """Return how long so many jobs of each point take together [s], see `Costs.total`."""
+        return wall_s.total({point: count / self._at_once[point] for point, count in jobs.items()})
+
     def to_json(self) -> dict[str, Any]:
         """Return the plan for a script; times in s, memory of one worker in MB."""
         to_run = Counter(self.points[job.id] for job in self.run)
-        cpu, wall = self.cpu_s.total(to_run), self.wall_s.total(to_run)
         return {
             "study": self.study.name,
             "results": str(self.results.folder),
@@ -102,11 +118,12 @@ class Plan:
             "again": [asdict(failure) for failure in self.again.values()],
             "waiting": [asdict(failure) for failure in self.waiting.values()],
             "orphans": self.orphans,
+            "cores": self.cores,
             "workers": self.workers,
             "estimate": {
                 "measured_jobs": self.cpu_s.measured,
-                "cpu_s": cpu,
-                "wall_s": None if wall is None else wall / max(self.workers, 1),
+                "cpu_s": self.cpu_s.total(to_run),
+                "wall_s": self.time(self.wall_s, to_run),
                 "disk_bytes": None if self.job_bytes is None else self.job_bytes * len(self.run),
                 "memory_mb": self.memory_mb,
             },
@@ -118,7 +135,8 @@ class Plan:
         part = "" if self.shard == (0, 1) else f" (shard {self.shard[0]}/{self.shard[1]})"
         failed = len(self.again) + len(self.waiting)
         counts = f"{facts['new']} new, {self.done} done, {failed} failed"
-        cores = f"{self.study.threads} cores and " if self.study.threads > 1 else ""
+        several = self.study.threads > 1
+        cores = f"{self.cores} cores, at most " if several else ""
         lines = [f"{self.study.name}{part}: {self.total} jobs: {counts}, in {self.results.folder}"]
         lines += failure_lines(self.again, "runs again")
         lines += failure_lines(self.waiting, "by physics, left alone")
@@ -128,11 +146,14 @@ class Plan:
             lines.append(f"  {self.left_out} more jobs are left for later by --limit")
         if self.orphans:
             lines.append(f"  {self.orphans} results are not of this study file (any more); kept")
+        if several and (uses := Counter(job.threads for job in self.run)):
+            each = ", ".join(f"{uses[n]} job(s) use {n}" for n in sorted(uses, reverse=True))
+            lines.append(f"  threads: {self.study.threads}, as far as jobs have use for it: {each}")
         if self.run and estimate["cpu_s"] is not None:
             lines.append(
                 f"  to run: about {duration(estimate['cpu_s'])} of CPU, "
-                f"{duration(estimate['wall_s'])} on {self.workers} worker(s) of "
-                f"{cores}{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
+                f"{duration(estimate['wall_s'])} on {cores}{self.workers} worker(s) of "
+                f"{self.memory_mb:.0f} MB, {size(estimate['disk_bytes'])} of disk; from "
                 f"{estimate['measured_jobs']} measured jobs"
             )
         elif self.run:
@@ -140,8 +161,8 @@ class Plan:
         return "\n".join(lines)
 
 
-def default_workers() -> int:
-    """Return how many jobs run at once: what Slurm gave, else the cores this process may use.
+def default_cores() -> int:
+    """Return how many cores a sweep may use: what Slurm gave, else those of this process.
 
     Raises
     ------
@@ -189,8 +210,7 @@ def make_plan(
     retry_failed : bool
         Also run jobs that failed by physics.
     jobs : int, optional
-        Number of workers, at least 1; default: as many as have `default_workers` cores, each with
-        the cores that the study gives to one job.
+        Number of workers, at least 1; default: as many as `default_cores` have room for.
     measure : bool
         Also read what finished jobs have cost. Tasks of an array leave that alone: it would have
         all of them read all results, and write the same index.
@@ -220,6 +240,9 @@ def make_plan(
     run = [job for job in missing if job.id not in waiting]
     run.sort(key=lambda job: job.id in failures)  # what failed before must not keep back the others
     chosen = run[:limit]
+    threads = [job.threads for job in chosen]
+    cores = jobs * max(threads, default=1) if jobs else default_cores()
+    workers = jobs or max(1, cores // min(threads, default=1))
     cpu_s, wall_s, job_bytes, memory_mb = _measured(results, points, measure and bool(finished))
     return Plan(
         study=study,
@@ -232,7 +255,8 @@ def make_plan(
         again={job.id: failures[job.id] for job in chosen if job.id in failures},
         waiting=waiting,
         orphans=len(finished.difference(points)),
-        workers=min(jobs or max(1, default_workers() // study.threads), len(chosen)),
+        cores=cores,
+        workers=min(workers, len(chosen)),
         points=points,
         cpu_s=cpu_s,
         wall_s=wall_s,

@@ -25,9 +25,8 @@ DESIGN = """\
 scenes: {}                          # {name: {key: value}}: sets of changes, side by side
 replicates: 1                       # jobs of each point, at least 1
 seed: 0                             # of all random numbers, at least 0
-threads: 1                          # cores of one job (microgel: at most one for each 1,024 discs;
-                                    # soft_particle: for each 2,000 vertices), neither in its id nor
-                                    # in its bits
+"""
+SWEEP = """\
 # sweep:                            # a block or a list of blocks, added up; each may have
 #   name: amplitude
 #   scenes: [crosslinked]           # default: all
@@ -47,7 +46,9 @@ def study_reference(kind: str) -> str:
     lines = [*_header(kind, package.__doc__ or ""), ""]
     for name, info in fields_of(point).items():
         lines += [*_key(name, info, ""), ""]
-    return "\n".join(lines) + "\n" + DESIGN
+    meaning = f"most cores of one job, neither in its id nor in its bits. {kind}: {package.THREADS}"
+    threads = "\n".join(_commented("threads: 1", meaning))
+    return "\n".join(lines) + f"\n{DESIGN}{threads}\n{SWEEP}"
 
 
 def _header(kind: str, docstring: str) -> list[str]:

@@ -61,7 +61,7 @@ class Job:
     labels : tuple of (block, scene)
         Where the study asks for it; not part of the id.
     threads : int
-        Cores that it may use; not part of the id, and never changes a bit of the result.
+        Cores that it uses; not part of the id, and never changes a bit of the result.
     """
 
     id: str
@@ -154,6 +154,7 @@ class StudyPoint:
     point: Point
     labels: Labels
     json: str = field(repr=False)  # canonical JSON of its parameters
+    threads: int = 1  # that each of its jobs has use for, of those that the study asks for
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ class Study:
     files : tuple of Path
         Files that the study reads, relative to its folder.
     threads : int
-        Cores of each job.
+        Cores that are asked for; a job uses as many of them as its point can.
     """
 
     name: str
@@ -209,7 +210,7 @@ class Study:
                     self.seed,
                     replicate,
                     point.labels,
-                    self.threads,
+                    point.threads,
                 )
                 for replicate in range(self.replicates)
             )
@@ -247,7 +248,7 @@ def read_study(content: bytes, path: Path) -> Study:
     reader = _Reader(document)
     draft = reader.draft()
     design, points = draft.design, reader.points(draft)
-    reader.check_threads(design.threads, {point.point.kind for point in points})
+    reader.check_threads(design.threads, points)
     if reader.problems:
         raise StudyError(path, list(reader.problems.values()))
     return Study(
@@ -386,7 +387,10 @@ class _Reader:
             old = found.get(key)
             labels = (*old.labels, variant.label) if old else (variant.label,)
             labels = tuple(dict.fromkeys(labels))
-            found[key] = StudyPoint(_point_id(point.kind, key), point, labels, key)
+            threads = draft.design.threads
+            if threads > 1:
+                threads = min(threads, models.model(point.kind).most_threads(point))
+            found[key] = StudyPoint(_point_id(point.kind, key), point, labels, key, threads)
         # What no point has shown: scenes without a block, and the base of blocks that are wrong.
         for name, scene in unused.items():
             self._point(changes_of(scene, ("scenes", name)), complete=False)
@@ -394,12 +398,17 @@ class _Reader:
             self._point((), complete=False)
         return list(found.values())
 
-    def check_threads(self, threads: int, kinds: set[str]) -> None:
-        """Report a study that asks for several cores of a job of a model that uses one."""
-        alone = sorted(kind for kind in kinds if not models.model(kind).THREADS)
-        if threads > 1 and alone:
-            message = f"model {alone[0]} uses one core a job: leave threads out, and give --jobs"
-            self._report(Complaint((("threads",),), message), self.document.data)
+    def check_threads(self, threads: int, points: Sequence[StudyPoint]) -> None:
+        """Report a study that asks for several cores a job, of which every job would use one."""
+        if self.problems or threads == 1 or any(point.threads > 1 for point in points):
+            return
+        kinds = sorted({point.point.kind for point in points})
+        rules = "; ".join(f"{kind}: {models.model(kind).THREADS}" for kind in kinds)
+        message = (
+            f"every job of this study can use 1 core only ({rules}): leave threads out, a sweep "
+            "has a job on each core"
+        )
+        self._report(Complaint((("threads",),), message), self.document.data)
 
     def _point(self, changes: Changes, *, complete: bool = True) -> Point | None:
         """Return the point that ``changes`` make of the base, or report and return None.

@@ -44,6 +44,7 @@ class Layout:
     shares: list[list[str]]
     seconds: float | None  # expected of the longest task; None: nothing is measured
     minutes: int  # time limit of a task
+    cores: int
     memory_mb: int
 
     def arrays(self, size: int) -> list[range]:
@@ -82,7 +83,8 @@ def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
     """Decide into how many tasks the missing jobs of a study go, and what a task may take.
 
     By the measured cost of the jobs, a task takes about half an hour, or less where the limit asks
-    for it. Jobs that other tasks have (``taken``, see `held`) are left to them.
+    for it. It has the cores of the job that uses most, and runs as many of the others at once as
+    these are enough for. Jobs that other tasks have (``taken``, see `held`) are left to them.
 
     Raises
     ------
@@ -97,28 +99,34 @@ def lay_out(plan: Plan, limits: Limits, taken: set[str]) -> Layout:
         )
         raise PlanError(msg)
     most = limits.max_tasks or MOST_TASKS
-    cost = {
-        job.id: plan.wall_s.mean(plan.points[job.id]) for job in plan.run if job.id not in taken
-    }
-    known = {job: each for job, each in cost.items() if each is not None}
-    if len(known) < len(cost):
+    jobs = [job for job in plan.run if job.id not in taken]
+    cores = max((job.threads for job in jobs), default=1)
+    at_once = {job.id: cores // job.threads for job in jobs}
+    wall = {job.id: plan.wall_s.mean(plan.points[job.id]) for job in jobs}
+    known = {job: each for job, each in wall.items() if each is not None}
+    if len(known) < len(jobs):
         if limits.minutes is None or limits.max_tasks is None:
             msg = (
                 f"{plan.study.path}: no job is measured yet: run a few first (shear-sim sweep "
                 f"{plan.study.path} --limit 3), or give both --time and --max-tasks"
             )
             raise PlanError(msg)
-        shares, seconds = deal(dict.fromkeys(cost, 1.0), min(most, len(cost))), None
+        equal = {job: 1.0 / n for job, n in at_once.items()}
+        shares, seconds = deal(equal, min(most, len(jobs))), None
     else:
         usable = (60 * longest - WARNING_SECONDS) / SAFETY
-        shares = divide(known, most, min(TASK_SECONDS, usable))
-        seconds = max((sum(known[job] for job in share) for share in shares), default=0.0)
+        cost = {job: each / at_once[job] for job, each in known.items()}
+        shares = divide(cost, most, min(TASK_SECONDS, usable))
+        sums = [sum(cost[job] for job in share) for share in shares]
+        seconds = max([*sums, *known.values()], default=0.0)
         longest = min(longest, 5 * ceil((SAFETY * seconds + START_SECONDS) / 300))
+    needed = 3 * (plan.memory_mb or 0) * max(at_once.values(), default=1)
     return Layout(
         shares=shares,
         seconds=seconds,
         minutes=longest,
-        memory_mb=limits.memory_mb or max(LEAST_MEMORY_MB, round(3 * (plan.memory_mb or 0))),
+        cores=cores,
+        memory_mb=limits.memory_mb or max(LEAST_MEMORY_MB, round(needed)),
     )
 
 
@@ -126,7 +134,7 @@ def array_script(plan: Plan, layout: Layout, limits: Limits, part: range) -> str
     """Return the batch script of one array: resources, and one line as in slurm/sweep.sbatch."""
     resources = {
         "array": index_list(range(len(part))),
-        "cpus-per-task": plan.study.threads,
+        "cpus-per-task": layout.cores,
         "time": layout.minutes,
         "mem": f"{layout.memory_mb}M",
         "signal": f"B:USR1@{WARNING_SECONDS}",
@@ -309,7 +317,8 @@ def describe(layout: Layout, arrays: int) -> str:
     line = (
         f"  {len(layout.shares)} task(s) in {arrays} array(s) for "
         f"{sum(map(len, layout.shares))} jobs: {expected}, "
-        f"limit {duration(60 * layout.minutes)}, {layout.memory_mb} MB each"
+        f"limit {duration(60 * layout.minutes)}, {layout.cores} core(s) and {layout.memory_mb} MB "
+        "each"
     )
     if layout.seconds is not None and layout.seconds > 60 * layout.minutes - WARNING_SECONDS:
         line += "; longer than the limit: tasks will be requeued and go on"

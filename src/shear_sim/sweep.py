@@ -114,10 +114,14 @@ class _Sweep:
 
     def __init__(self, plan: Plan, screen: Screen) -> None:
         self.plan, self.screen = plan, screen
-        self.todo = deque(range(len(plan.run)))
+        # Those of many threads first, as those of few fit in beside them.
+        failed = [job.id in plan.again for job in plan.run]
+        order = sorted(range(len(failed)), key=lambda n: (failed[n], -plan.run[n].threads))
+        self.todo = deque(order)
         self.remaining = Counter(plan.points[job.id] for job in plan.run)
         self.wall_s = plan.wall_s if plan.wall_s.measured else Costs()
         self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
+        self.idle: list[int] = []
         self.done = self.stopped = self.advanced = 0
         self.failed: dict[str, Failure] = {}
         self.ready = self.started = False
@@ -136,6 +140,8 @@ class _Sweep:
             while not self.ready or self.busy:
                 for event in self.workers.events(TICK_SECONDS):
                     self._take(event)
+                if self.ready:
+                    self._fill()
                 if received and self.signal is None:
                     self.signal = received[0]
                     self.todo.clear()
@@ -160,9 +166,7 @@ class _Sweep:
         if not self.ready:
             self.screen.prepare("preparing the kernels")
             return
-        left = self.wall_s.total(self.remaining)
-        if left is not None:
-            left /= self.plan.workers
+        left = self.plan.time(self.wall_s, self.remaining)
         ended, total = self.done + len(self.failed), len(self.plan.run)
         self.screen.update(ended, len(self.failed), total, left)
 
@@ -178,8 +182,6 @@ class _Sweep:
                     self.started = True
                     self.screen.start(len(self.plan.run))
                 self.ready = True
-                for _ in range(min(self.plan.workers, len(self.todo))):
-                    self._give(self.workers.add())
             case Unprepared():
                 msg = f"the kernels cannot be prepared: {event.reason}"
                 error = SweepError(msg)
@@ -188,18 +190,25 @@ class _Sweep:
             case Outcome():
                 self.restarts = 0
                 self._end(event)
-                self._give(event.worker)
+                self.idle.append(event.worker)
             case Died():
                 self._lose(event.worker, event.status)
-                if self.todo:
-                    self._give(self.workers.add())
             case ServerDied():
                 self._restart(event.status)
 
-    def _give(self, worker: int) -> None:
-        if self.todo:
-            self.busy[worker] = self.todo.popleft()
-            self.workers.give(worker, self.busy[worker])
+    def _fill(self) -> None:
+        """Start the first jobs that there are cores for; one that asks for more runs alone."""
+        run = self.plan.run
+        free = self.plan.cores - sum(run[job].threads for job in self.busy.values())
+        while len(self.busy) < self.plan.workers:
+            fitting = (job for job in self.todo if run[job].threads <= free or not self.busy)
+            if (job := next(fitting, None)) is None:
+                return
+            self.todo.remove(job)
+            worker = self.idle.pop() if self.idle else self.workers.add()
+            self.busy[worker] = job
+            self.workers.give(worker, job)
+            free -= run[job].threads
 
     def _end(self, outcome: Outcome) -> None:
         """Count a job that has ended, well or not."""
@@ -226,6 +235,7 @@ class _Sweep:
     def _lose(self, worker: int, status: int) -> None:
         """Record the job that a dead worker was at."""
         if worker not in self.busy:
+            self.idle = [each for each in self.idle if each != worker]
             return
         job = self.plan.run[self.busy.pop(worker)]
         self.remaining[self.plan.points[job.id]] -= 1
@@ -260,7 +270,7 @@ class _Sweep:
             msg = f"the process that starts the workers died ({status}); see {self.log.name}"
             raise SweepError(msg)
         if self.todo:
-            self.ready = False
+            self.ready, self.idle = False, []
             self.workers = self._new_workers()
 
 

@@ -20,6 +20,7 @@ from scenes import (
 )
 
 from shear_sim import runner
+from shear_sim.models import microgel
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.microgel import strips
 from shear_sim.models.microgel.parameters import Integrator, Links, Record
@@ -241,6 +242,16 @@ def test_strips_are_alike_and_follow_from_the_number_of_discs(n):
 
 
 @pytest.mark.usefixtures("small_strips")
+def test_there_is_a_strip_for_every_thread():
+    """`most_threads` tells from the study what the simulation has strips for; see the words."""
+    for discs in (20, 2 * STRIP - 1, 2 * STRIP, 16_384, 100_000):
+        point = packing_point(discs=discs)
+        assert microgel.most_threads(point) == len(make_work(discs).pair_sums)
+    balanced = point.model_copy(update={"record": Record(energy=True)})
+    assert microgel.most_threads(balanced) == 1
+    assert f"one for each {STRIP:,} discs" in microgel.THREADS
+
+
 @pytest.mark.parametrize("threads", [1, 2, 3, 5])
 def test_every_thread_has_the_pairs_of_its_discs(threads):
     """All pairs with a disc of its own, in the order of the one list; together they are it."""

@@ -192,3 +192,45 @@ def test_strips_are_of_whole_chains(monkeypatch):
         p, q = divided.chain[s : s + 2]
         own = divided.start[p + s : q + s + 1] + divided.vertex[s]
         assert own.tolist() == chains.start[p : q + 1].tolist()
+
+
+@pytest.mark.parametrize(
+    ("packing", "shear"),
+    [
+        ({"particles": 25, "vertices": 12}, {"kind": "compaction"}),
+        ({"particles": 25, "vertices": 12}, {"kind": "oscillatory"}),
+        ({"vertices": 100}, {"kind": "diametral_compression"}),
+        ({"vertices": 48}, {"kind": "bending"}),
+    ],
+)
+@pytest.mark.parametrize("strip", [30, 70, 100, 1000])
+def test_there_is_a_strip_for_every_thread(packing, shear, strip, monkeypatch):
+    """`most_threads` tells from the study alone how many strips the system has once made."""
+    monkeypatch.setattr(strips, "STRIP", strip)
+    point = soft_particle.POINT.model_validate(
+        {"model": {"kind": "soft_particle"}, "packing": packing, "shear": shear}
+    )
+    made = soft_particle.start(point, Streams(0, 0)).run.system
+    assert soft_particle.most_threads(point) == len(made.strips.status)
+
+
+@pytest.mark.parametrize("strip", [100, 300, 650])
+def test_a_tissue_has_as_many_strips_or_more(strip, monkeypatch):
+    """So many vertices has no study: they are as many as the sides of its cells are long."""
+    monkeypatch.setattr(strips, "STRIP", strip)
+    point = soft_particle.POINT.model_validate(
+        {
+            "model": {"kind": "soft_particle", "links": {}},
+            "packing": {"particles": 50, "vertices": 24, "preparation": "tissue"},
+            "shear": {"kind": "tension"},
+        }
+    )
+    made = soft_particle.start(point, Streams(0, 0)).run.system
+    assert 1.0 < len(made.motion.x) / (50 * 24) < 1.15
+    counted = soft_particle.most_threads(point)
+    assert len(made.strips.status) in (counted, 2 * counted)
+
+
+def test_the_rule_in_words_is_that_of_the_strips():
+    assert f"one for each {strips.STRIP:,} vertices" in soft_particle.THREADS
+    assert f"or {strips.MOST}" in soft_particle.THREADS

@@ -215,7 +215,7 @@ class Model(Protocol):
     POINT: type[Point]
     SNAPSHOT_UNITS: SnapshotUnits
     PHYSICS_VERSION: int  # raised with any change of numbers: part of every job id
-    THREADS: bool  # whether one job can use several cores
+    THREADS: str  # how many can share one job, for people: see `most_threads`
     COLUMNS: Sequence[Column]  # stored
     DERIVED: Sequence[Column]  # computed on reading
     #: What the summary of a run holds beside the rheology: for the tables, each with its dotted key
@@ -225,6 +225,10 @@ class Model(Protocol):
     @staticmethod
     def derive(columns: Mapping[str, NDArray[np.float64]]) -> Columns:
         """Return the derived columns that can be computed from the stored ones."""
+
+    @staticmethod
+    def most_threads(point: Any) -> int:
+        """Return how many threads can share one job of ``point``; more would have nothing to do."""
 
     @staticmethod
     def start(point: Any, streams: Streams) -> Simulation:

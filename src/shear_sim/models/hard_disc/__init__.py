@@ -67,7 +67,7 @@ from shear_sim.streams import Streams
 
 POINT = HardDiscPoint
 PHYSICS_VERSION = 3  # raised with any change of numbers; part of every job id
-THREADS = False
+THREADS = "one"
 SNAPSHOT_UNITS = SnapshotUnits(
     "λ",
     "λ path rate/ξ₀",
@@ -84,8 +84,14 @@ __all__ = [
     "THREADS",
     "compile_for",
     "derive",
+    "most_threads",
     "start",
 ]
+
+
+def most_threads(point: HardDiscPoint) -> int:  # noqa: ARG001 - of other models it depends on it
+    """Return 1: every step solves for the forces of all contacts at once."""
+    return 1
 
 
 def start(point: HardDiscPoint, streams: Streams) -> Simulation:

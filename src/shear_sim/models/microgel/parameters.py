@@ -298,9 +298,10 @@ class Record(Section):
     """What is written to the result table, and how often."""
 
     every: Annotated[int, Field(ge=1, description="steps between records; ours")] = 1
-    energy: Annotated[bool, Field(description="also the energy balance, at some cost; ours")] = (
-        False
-    )
+    energy: Annotated[
+        bool,
+        Field(description="also the energy balance, at some cost, and on one core only; ours"),
+    ] = False
     columns: Annotated[
         tuple[str, ...] | None,
         Field(strict=False, description="stored columns by name; default: all; ours"),

@@ -73,7 +73,7 @@ from shear_sim.streams import Streams
 
 POINT = SoftParticlePoint
 PHYSICS_VERSION = 5  # raised with any change of numbers; part of every job id
-THREADS = True
+THREADS = "one for each 2,000 vertices: 2, 4, 8 or 16"
 SNAPSHOT_UNITS = SnapshotUnits(
     "m",
     "N/m",
@@ -95,8 +95,20 @@ __all__ = [
     "THREADS",
     "compile_for",
     "derive",
+    "most_threads",
     "start",
 ]
+
+
+def most_threads(point: SoftParticlePoint) -> int:
+    """Return one for each strip of particles.
+
+    A tissue has up to a tenth more vertices than are counted here, and so, rarely, more strips.
+    """
+    from shear_sim.models.soft_particle.strips import strip_count  # loads Numba
+
+    packing = point.packing
+    return strip_count(packing.particles * packing.vertices, packing.particles)
 
 
 def start(point: SoftParticlePoint, streams: Streams) -> Simulation:

@@ -34,13 +34,18 @@ LETTERS = 30  # most forces on others that a pair of vertex and segment has: 3 f
 LETTERS_OF_LINK = 5
 
 
-def divide(chains: Chains, walls: int) -> Strips:
-    """Return the strips of a system with ``walls`` walls; one below 2 STRIP vertices.
+def strip_count(vertices: int, chains: int) -> int:
+    """Return how many strips there are, about: one below 2 STRIP vertices.
 
     A power of two, so that as many threads have strips alike.
     """
+    return 1 << (max(1, min(MOST, vertices // STRIP, chains)).bit_length() - 1)
+
+
+def divide(chains: Chains, walls: int) -> Strips:
+    """Return the strips of a system with ``walls`` walls."""
     vertices, count = int(chains.start[-1]), len(chains.closed)
-    strips = 1 << (max(1, min(MOST, vertices // STRIP, count)).bit_length() - 1)
+    strips = strip_count(vertices, count)
     goals = vertices * np.arange(1, strips) // strips
     edges = np.unique(np.concatenate([[0], np.searchsorted(chains.start, goals), [count]]))
     strips = len(edges) - 1

@@ -26,7 +26,7 @@ import shear_sim
 from shear_sim import sweep
 from shear_sim.aggregate import make_tables
 from shear_sim.plan import Costs, PlanError, default_cores, make_plan
-from shear_sim.results import Results, ResultsError
+from shear_sim.results import Failure, Results, ResultsError
 from shear_sim.screen import Screen
 from shear_sim.single import differences
 from shear_sim.status import describe_status, read_status
@@ -488,6 +488,14 @@ def test_jobs_of_few_threads_run_beside_those_of_many(tmp_path, monkeypatch):
     assert large == [10.0 * n for n in range(12)]
     assert done.now == 120.0  # so the others took no time of their own
     assert done.count <= 1 + 4  # processes
+
+
+def test_what_failed_before_runs_last_however_many_threads_it_has(tmp_path, monkeypatch):
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "8")
+    plan = make_plan(shared(tmp_path, "[1, 30]", replicates=1), Results(tmp_path / "study"))
+    failed = {job.id: Failure(job.id, "crash", "") for job in plan.run if job.threads == 8}
+    done = scheduled(replace(plan, again=failed), {8: 1.0, 1: 1.0}, monkeypatch)
+    assert [threads for _, threads, _ in done.begun] == [1, 1, 1, 8, 8, 8]
 
 
 def test_jobs_of_more_threads_than_cores_run_alone(tmp_path, monkeypatch):

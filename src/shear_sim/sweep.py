@@ -114,10 +114,12 @@ class _Sweep:
 
     def __init__(self, plan: Plan, screen: Screen) -> None:
         self.plan, self.screen = plan, screen
-        # Those of many threads first, as those of few fit in beside them.
-        failed = [job.id in plan.again for job in plan.run]
-        order = sorted(range(len(failed)), key=lambda n: (failed[n], -plan.run[n].threads))
-        self.todo = deque(order)
+        # New jobs before those that failed, of many threads before those of few, which fit in
+        # beside them: a queue for each (failed, −threads).
+        self.todo: dict[tuple[bool, int], deque[int]] = {}
+        kinds = [(job.id in plan.again, -job.threads) for job in plan.run]
+        for kind in sorted(set(kinds)):
+            self.todo[kind] = deque(n for n, each in enumerate(kinds) if each == kind)
         self.remaining = Counter(plan.points[job.id] for job in plan.run)
         self.wall_s = plan.wall_s if plan.wall_s.measured else Costs()
         self.busy: dict[int, int] = {}  # worker -> number of its job in plan.run
@@ -198,17 +200,18 @@ class _Sweep:
 
     def _fill(self) -> None:
         """Start the first jobs that there are cores for; one that asks for more runs alone."""
-        run = self.plan.run
-        free = self.plan.cores - sum(run[job].threads for job in self.busy.values())
+        free = self.plan.cores - sum(self.plan.run[job].threads for job in self.busy.values())
         while len(self.busy) < self.plan.workers:
-            fitting = (job for job in self.todo if run[job].threads <= free or not self.busy)
-            if (job := next(fitting, None)) is None:
+            fitting = (kind for kind in self.todo if -kind[1] <= free or not self.busy)
+            if (kind := next(fitting, None)) is None:
                 return
-            self.todo.remove(job)
+            job = self.todo[kind].popleft()
+            if not self.todo[kind]:
+                del self.todo[kind]
             worker = self.idle.pop() if self.idle else self.workers.add()
             self.busy[worker] = job
             self.workers.give(worker, job)
-            free -= run[job].threads
+            free += kind[1]
 
     def _end(self, outcome: Outcome) -> None:
         """Count a job that has ended, well or not."""

@@ -18,8 +18,6 @@ with v_rel = c_j − c_i + γ̇ Δy e_x, which holds for every image. Lever arms
 (torque) are r d/(r_i + r_j) or r; only b = r d/(r_i + r_j), eq. S1-3, conserves angular momentum.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,8 +45,36 @@ from shear_sim.models.microgel.motion import (
     strain_at,
     tally,
 )
+from shear_sim.models.microgel.rows import (
+    AWAY,
+    BEFORE,
+    CLOSEST,
+    CLOSING,
+    CX,
+    CY,
+    DX,
+    DY,
+    ELASTIC,
+    FX,
+    FY,
+    LONGEST,
+    LX,
+    LY,
+    RIMS,
+    ROLLED,
+    SLID,
+    TWIST,
+    UX,
+    UY,
+    VN,
+    VT,
+    empty_rows,
+    gather,
+    read_rows,
+    scatter,
+    write_rows,
+)
 from shear_sim.models.microgel.state import (
-    BLOCK_ROWS,
     COUNT,
     DISTANCE,
     EX,
@@ -76,20 +102,9 @@ from shear_sim.models.microgel.state import (
     Discs,
     Pairs,
     Springs,
-    Unsigned,
     Work,
 )
 from shear_sim.prefetch import prefetch
-from shear_sim.quads import (
-    add,
-    load,
-    load_eight,
-    multiply,
-    row_of,
-    store,
-    transpose,
-    transpose_eight,
-)
 from shear_sim.threads import Meeting, add_up, bits, largest_of, meet, number
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
@@ -100,17 +115,6 @@ TALLY = False  # whether the energy balance is kept too
 RESET = False  # whether a slip empties the spring, as in the historical program
 
 CACHED_ROWS = 50  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
-
-# Rows of Work.block. Between discs: position, peculiar velocity, velocity and displacement of the
-# rims, place in the cell; then distance, direction and relative velocity along and across it; then
-# force on i and torque / r; then extremes over all blocks; then what TALLY asks for.
-(
-    DX, DY, CX, CY, RIMS, ROLLED, LX, LY, AWAY, UX, UY, VN, VT, FX, FY, TWIST,
-    CLOSEST, LONGEST, CLOSING, ELASTIC, BEFORE, SLID,
-) = range(0, BLOCK_ROWS * LANES, LANES)  # fmt: skip
-
-ONE, TWO, THREE, FOUR = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
-FIVE, SIX, SEVEN, EIGHT = np.uint64(5), np.uint64(6), np.uint64(7), np.uint64(8)
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -133,77 +137,6 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
                 total -= WEIGHTS[n] * half * law(r, D, k, p)
             upper = between
     return total
-
-
-@jit(inner=True)
-def write_rows(discs: Discs, work: Work) -> None:
-    """Write to ``work.disc_rows`` what pairs ask of this thread's discs, eight numbers each.
-
-    Position [m] and predicted velocity [m/s]; then velocity of the rim [m/s], its displacement in
-    the step that ends now [m], and the place in the cell, of the last record [m].
-    """
-    rows, begin, end = work.disc_rows, work.begin, work.end
-    whole = end - (end - begin) % EIGHT
-    for a in range(begin, whole, EIGHT):
-        radius = load_eight(discs.radius, a)
-        octets = transpose_eight(
-            load_eight(discs.x, a), load_eight(discs.y, a),
-            load_eight(work.px, a), load_eight(work.py, a),
-            multiply(radius, load_eight(work.pspin, a)), multiply(radius, load_eight(work.turn, a)),
-            load_eight(work.lx, a), load_eight(work.ly, a),
-        )  # fmt: skip
-        for n in range(8):
-            store(rows, (a + np.uint64(n)) * EIGHT, octets[n])
-    for a in range(whole, end):
-        row = (
-            discs.x[a], discs.y[a], work.px[a], work.py[a],
-            discs.radius[a] * work.pspin[a], discs.radius[a] * work.turn[a],
-            work.lx[a], work.ly[a],
-        )  # fmt: skip
-        for n in range(8):
-            rows[a * EIGHT + np.uint64(n)] = row[n]
-
-
-@jit(inner=True)
-def between(rows: Floats, i: Unsigned, j: Unsigned, q: np.uint64) -> Any:
-    """Return what lies between the discs of pair ``q``: differences, but sums of what rims do."""
-    sign = row_of((-1.0, -1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0))
-    return add(load_eight(rows, j[q] * EIGHT), multiply(sign, load_eight(rows, i[q] * EIGHT)))
-
-
-@jit(_nrt=False)
-def gather(
-    rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, record: bool
-) -> None:
-    """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``.
-
-    ``rows``: what `write_rows` wrote. Places in the cell are for `stress_of` only, in a ``record``.
-    """
-    at = np.uint64(first)
-    whole = m - m % 8
-    for s in range(0, whole, 8):
-        q = at + np.uint64(s)
-        dx, dy, cx, cy, rims, rolled, lx, ly = transpose_eight(
-            between(rows, i, j, q), between(rows, i, j, q + ONE),
-            between(rows, i, j, q + TWO), between(rows, i, j, q + THREE),
-            between(rows, i, j, q + FOUR), between(rows, i, j, q + FIVE),
-            between(rows, i, j, q + SIX), between(rows, i, j, q + SEVEN),
-        )  # fmt: skip
-        store(block, DX + s, dx)
-        store(block, DY + s, dy)
-        store(block, CX + s, cx)
-        store(block, CY + s, cy)
-        if TANGENTIAL:
-            store(block, RIMS + s, rims)
-            store(block, ROLLED + s, rolled)
-        if record:
-            store(block, LX + s, lx)
-            store(block, LY + s, ly)
-    for s in range(whole, m):
-        a, b = i[at + np.uint64(s)] * EIGHT, j[at + np.uint64(s)] * EIGHT
-        for n in range(8):
-            one, other = rows[a + np.uint64(n)], rows[b + np.uint64(n)]
-            block[n * LANES + s] = other + one if 4 <= n < 6 else other - one
 
 
 @jit(inner=True)
@@ -341,59 +274,6 @@ def pair_forces(
             block[ELASTIC + s] = elastic
 
 
-@jit(inner=True)
-def push(rows: Floats, i: int, j: int, force: Any) -> None:
-    """Add a force and its torque to the row of disc ``i``, and what they do to ``j``."""
-    a, b = i * FOUR, j * FOUR
-    store(rows, a, add(load(rows, a), force))
-    store(rows, b, add(load(rows, b), multiply(row_of((-1.0, -1.0, 1.0, 1.0)), force)))
-
-
-@jit(inner=True)
-def scatter(rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats) -> None:
-    """Add the forces of a block to the rows of its discs: force, and torque by radius."""
-    at = np.uint64(first)
-    whole = m - m % 4
-    none = row_of((0.0, 0.0, 0.0, 0.0))
-    for s in range(0, whole, 4):
-        q = at + np.uint64(s)
-        twist = load(block, TWIST + s) if TANGENTIAL else none
-        f, g, h, k = transpose(load(block, FX + s), load(block, FY + s), twist, none)
-        push(rows, i[q], j[q], f)
-        push(rows, i[q + ONE], j[q + ONE], g)
-        push(rows, i[q + TWO], j[q + TWO], h)
-        push(rows, i[q + THREE], j[q + THREE], k)
-    for s in range(whole, m):
-        a, b = i[at + np.uint64(s)] * FOUR, j[at + np.uint64(s)] * FOUR
-        rows[a] += block[FX + s]
-        rows[a + ONE] += block[FY + s]
-        rows[b] -= block[FX + s]
-        rows[b + ONE] -= block[FY + s]
-        if TANGENTIAL:
-            rows[a + TWO] += block[TWIST + s]
-            rows[b + TWO] += block[TWIST + s]
-
-
-@jit(inner=True)
-def read_rows(discs: Discs, work: Work) -> None:
-    """Take forces and torques of this thread's discs from the rows that pairs have added to."""
-    rows, begin, end = work.force_rows, work.begin, work.end
-    fx, fy, torque = work.fx, work.fy, work.torque
-    whole = end - (end - begin) % FOUR
-    for a in range(begin, whole, FOUR):
-        x, y, twist, _ = transpose(
-            load(rows, a * FOUR), load(rows, (a + ONE) * FOUR),
-            load(rows, (a + TWO) * FOUR), load(rows, (a + THREE) * FOUR),
-        )  # fmt: skip
-        store(fx, a, x)
-        store(fy, a, y)
-        if TANGENTIAL:
-            store(torque, a, multiply(twist, load(discs.radius, a)))
-    for a in range(whole, end):
-        fx[a], fy[a] = rows[a * FOUR], rows[a * FOUR + ONE]
-        torque[a] = rows[a * FOUR + TWO] * discs.radius[a]
-
-
 # Sums may be taken in any order that the compiler finds fast: the same one for the same processor.
 @jit(inner=True, fastmath={"reassoc"})
 def stress_of(block: Floats, table: Floats, m: int, elsewhere: float, sums: Floats) -> None:
@@ -505,8 +385,7 @@ def contact_forces(
     c = constants
     offset = strain * c.height - work.turns[0] * c.width
     block = work.block
-    for a in range(work.begin * FOUR, work.end * FOUR):
-        work.force_rows[a] = 0.0
+    empty_rows(work)
     block[CLOSEST:CLOSING] = 1.0
     block[CLOSING : CLOSING + LANES] = 0.0
     if record:
@@ -535,18 +414,18 @@ def contact_forces(
                 row = first // LANES
                 table = pairs.table[row]
                 fetch(pairs.table, row + 1, 0)
-                gather(work.disc_rows, pairs.i, pairs.j, first, m, block, record)
+                gather(work.disc_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL, record)
                 fetch(pairs.table, row + 1, 1)
                 pair_forces(block, table, m, springs, c, offset, rate, h)
                 fetch(pairs.table, row + 1, 2)
                 # What falls on discs of another thread is never read.
-                scatter(work.force_rows, pairs.i, pairs.j, first, m, block)
+                scatter(work.force_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL)
                 fetch(pairs.table, row + 1, 3)
                 if record and work.lower <= strip < work.upper:
                     stress_of(block, table, m, elsewhere, work.pair_sums[strip])
                 if TALLY:
                     tally_pairs(work, table, m, springs, c)
-    read_rows(discs, work)
+    read_rows(discs, work, TANGENTIAL)
     fold_extremes(block, work.closest)
     all_extremes(work.closest, work.extremes, work.thread, work.threads, work.meeting)
     work.closest[3] = min(work.closest[3], work.closest[0])

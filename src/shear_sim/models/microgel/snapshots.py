@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.interface import CONTACT, LINK, SLIDING, Snapshot
+from shear_sim.models.microgel import rows
 from shear_sim.models.microgel.state import (
     ALL,
     BLOCK_ROWS,
@@ -98,11 +99,12 @@ def _forces(
     ]
     for first, m in blocks:
         table = pairs.table[first // LANES].copy()
-        kernels.gather(work.disc_rows, pairs.i, pairs.j, first, m, block, False)
+        rows.gather(
+            work.disc_rows, pairs.i, pairs.j, first, m, block, kernels.TANGENTIAL, False
+        )  # fmt: skip
         # A step of no length moves no spring.
         kernels.pair_forces(block, table, m, springs, constants, offset, rate, 0.0)
-        for row, name in zip(found, ("DX", "DY", "FX", "FY"), strict=True):
-            at = getattr(kernels, name)
+        for row, at in zip(found, (rows.DX, rows.DY, rows.FX, rows.FY), strict=True):
             row[first : first + m] = block[at : at + m]
         acting[first : first + m] = table[STATE : STATE + m]
     use = acting != OPEN

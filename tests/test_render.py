@@ -691,6 +691,19 @@ def test_an_open_cell_is_drawn_and_kept_with_all_that_has_left_it(tmp_path):
     assert y + 1.5 <= up / 2
 
 
+@pytest.mark.parametrize("gone", [(False, True, False), (True, False)])
+def test_an_open_cell_comes_back_whether_or_not_something_has_left_it(tmp_path, gone):
+    """GSD takes what a frame lacks from the first one, which may lack it too."""
+    made = [
+        snapshot([[5, 5], [-40 if away else 2, 3]], 1.0)._replace(periodic=False, row=row)
+        for row, away in enumerate(gone)
+    ]
+    write_snapshots(tmp_path, "open", made, {}, models.model("microgel").SNAPSHOT_UNITS)
+    for kept, s in zip(read_snapshots(tmp_path, "open"), made, strict=True):
+        assert (kept.width, kept.height) == (s.width, s.height)
+        assert kept.position == pytest.approx(s.position, abs=1e-5)
+
+
 def wall_force(s):
     return s.normal[s.j < 0].sum()
 

@@ -179,7 +179,7 @@ def frame(snapshot: Snapshot, log: Mapping[str, Any], unit: float) -> "gsd.hoomd
     if snapshot.core is not None:
         made.log["particles/core"] = snapshot.core
     made.log["periodic"] = np.array([snapshot.periodic], np.uint8)
-    if (room > size).any():
+    if not snapshot.periodic:  # of every frame: GSD takes what one lacks from the first
         made.log["cell"] = size / unit
     if len(snapshot.walls):
         made.log["walls"] = _displaced(snapshot.walls, -middle) / [1.0, 1.0, unit]

@@ -157,13 +157,16 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
     return paths
 
 
-def save_as(figure: "Figure", path: Path) -> None:
-    """Write a figure as PNG or PDF, by the ending of ``path``, whole; see `save`."""
+def save_as(figure: "Figure", path: Path, *, dpi: int = DPI, colours: int | None = None) -> None:
+    """Write a figure as PNG or PDF, by the ending of ``path``, whole; see `save`.
+
+    A PNG has at most so many ``colours``: by default 256, or all where there is a bar of them.
+    """
     import matplotlib as mpl
     from PIL import Image
 
     with mpl.rc_context(_RC):
-        figure.set_dpi(DPI)
+        figure.set_dpi(dpi)
         # Finding places for everything costs more than drawing it: once, for all files.
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
@@ -172,18 +175,20 @@ def save_as(figure: "Figure", path: Path) -> None:
             # Without the library's version and the time in it, the same figure is the same file.
             nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
             made = BytesIO()
-            figure.savefig(made, format="pdf", dpi=DPI, metadata=nothing)
+            figure.savefig(made, format="pdf", dpi=dpi, metadata=nothing)
             write_whole(path, made.getvalue())
             return
         drawn = BytesIO()
-        figure.savefig(drawn, format="rgba", dpi=DPI)
+        figure.savefig(drawn, format="rgba", dpi=dpi)
         size = int(figure.bbox.width), int(figure.bbox.height)
         whole = Image.frombytes("RGBA", size, drawn.getvalue()).convert("RGB")
-        if not any(axis.get_label() == "<colorbar>" for axis in figure.axes):
+        if colours is None and not any(a.get_label() == "<colorbar>" for a in figure.axes):
             # Without a gradient, a palette of 256 makes a third of the file, and looks the same.
-            whole = whole.quantize(palette=palette([whole]), dither=Image.Dither.NONE)
+            colours = 256
+        if colours is not None:
+            whole = whole.quantize(palette=palette([whole], colours), dither=Image.Dither.NONE)
         made = BytesIO()
-        whole.save(made, "png", dpi=(DPI, DPI))
+        whole.save(made, "png", dpi=(dpi, dpi))
         write_whole(path, made.getvalue())
 
 

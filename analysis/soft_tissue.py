@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from numpy.typing import NDArray
 
+from shear_sim.figures import style
 from shear_sim.figures.shells import Shells
 from shear_sim.models.interface import COHESIVE, Snapshot
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
@@ -37,6 +35,7 @@ HIGH = 0.7  # of the largest stress: on the plateau
 LOW = 0.3  # of the largest stress: where a tissue is still elastic
 DROP = 0.02  # of the largest stress: what counts as a fall of it
 FULL = {"elastic": 4.0, "plastic": 0.8}  # W/W₀ at the end of the colours
+LEVELS = 16  # of the colours
 
 
 class Curve(NamedTuple):
@@ -173,8 +172,9 @@ def draw_cells(axis: Axes, kept: Kept, number: int, name: str, height: float) ->
     s, unit = kept.snapshots[number], kept.table.summary["preparation"]["link_energy"]
     polygons, energy = outlines(s)
     drawn = PolyCollection(
-        polygons, array=energy / unit, cmap="YlOrRd", edgecolors="0.25", linewidths=0.25
-    )
+        polygons, array=energy / unit, cmap=mpl.colormaps["YlOrRd"].resampled(LEVELS),
+        edgecolors="0.25", linewidths=0.25,
+    )  # fmt: skip
     drawn.set_clim(0.0, FULL[name])
     axis.add_collection(drawn)
     gone = np.array(sorted(links(kept.snapshots[0]) - links(s)), int).reshape(-1, 2)
@@ -185,7 +185,7 @@ def draw_cells(axis: Axes, kept: Kept, number: int, name: str, height: float) ->
         assert nx == 0
         axis.plot([0, s.width], 2 * [ny * position], color="0.1", lw=1.5)
     strain = kept.strain[number]
-    axis.set_title(f"{name}, ε = {strain:.3f}" if strain else f"{name}, at the start", fontsize=7)
+    axis.set_title(f"{name}, ε = {strain:.3f}" if strain else f"{name}, at the start")
     axis.set(xlim=(-0.04 * s.width, 1.04 * s.width), ylim=(-0.02 * height, 1.02 * height))
     axis.set(aspect="equal")
     axis.set_axis_off()
@@ -207,45 +207,38 @@ def breaking_forces(kept: Kept) -> tuple[FloatArray, FloatArray]:
     return forces[made.intact == 0], forces[made.intact == 1]
 
 
-def draw(path: str, jobs: dict[str, Kept]) -> None:
-    figure, axes = plt.subplots(
-        2, 4, figsize=(7.2, 4.2), layout="constrained", width_ratios=(1, 1, 1, 0.95)
-    )
-    for line, (name, kept) in zip(axes, jobs.items(), strict=True):
-        shape = curve(kept)
-        strain = kept.strain
-        shown = (
-            int(np.abs(strain - 0.95 * shape.measured["peak_strain"]).argmin()),
-            int(np.abs(strain - shape.measured.get("rupture_strain", strain[-1])).argmin()),
-            len(strain) - 1,
-        )
-        height = float(kept.snapshots[-1].walls[:, 2].min()) * -1
-        for axis, number in zip(line, shown, strict=False):
-            drawn = draw_cells(axis, kept, number, name, height)
-        bar = figure.colorbar(drawn, ax=line[2], shrink=0.8, aspect=25, pad=0.03)
-        bar.set_label("elastic energy of a cell / $W_0$", fontsize=7)
-        bar.ax.tick_params(labelsize=6)
-    axis = axes[0, 3]
-    for color, (name, kept) in zip(("C3", "C0"), jobs.items(), strict=True):
-        shape = curve(kept)
-        axis.plot(shape.strain, shape.stress / shape.stress.max(), color=color, lw=0.8, label=name)
-    axis.axhline(0, color="0.7", lw=0.5)
-    axis.set(xlabel="strain ε", ylabel="tensile stress / largest")
-    axis.legend(frameon=False, fontsize=7)
-    axis = axes[1, 3]
-    broken, whole = breaking_forces(jobs["elastic"])
-    along = np.linspace(-1, 1, 200)
-    axis.plot(along, 1 - along**2, color="0.3", lw=0.8)
-    axis.plot(whole[:, 1], whole[:, 0], ".", color="0.7", ms=2, label="whole")
-    axis.plot(broken[:, 1], broken[:, 0], "o", color="C3", ms=3, mfc="none", label="at its break")
-    axis.set(xlabel="$f_t/f_t^0$", ylabel="pull $f_n/f_n^0$", ylim=(-0.05, 1.25))
-    axis.legend(frameon=False, fontsize=7, loc="upper center", ncols=2, handletextpad=0.1)
-    for axis in axes[:, 3]:
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.tick_params(labelsize=6)
-        axis.xaxis.label.set_size(7)
-        axis.yaxis.label.set_size(7)
-    figure.savefig(path, dpi=150)
+def draw(path: Path, jobs: dict[str, Kept]) -> None:
+    with style.figure(style.DOUBLE, 7.4) as figure:
+        above, below = figure.subfigures(2, 1, height_ratios=(2.4, 1))
+        axes = above.subplots(2, 3)
+        for line, (name, kept) in zip(axes, jobs.items(), strict=True):
+            shape = curve(kept)
+            strain = kept.strain
+            shown = (
+                int(np.abs(strain - 0.95 * shape.measured["peak_strain"]).argmin()),
+                int(np.abs(strain - shape.measured.get("rupture_strain", strain[-1])).argmin()),
+                len(strain) - 1,
+            )
+            height = float(kept.snapshots[-1].walls[:, 2].min()) * -1
+            for axis, number in zip(line, shown, strict=True):
+                drawn = draw_cells(axis, kept, number, name, height)
+            bar = above.colorbar(drawn, ax=line, shrink=0.8, aspect=25, pad=0.02)
+            bar.set_label("elastic energy of a cell / $W_0$")
+        left, right = below.subplots(1, 2)
+        for colour, (name, kept) in zip(style.UNORDERED, jobs.items(), strict=False):
+            shape = curve(kept)
+            left.plot(shape.strain, shape.stress / shape.stress.max(), color=colour, label=name)
+        left.set(xlabel="strain $ε$", ylabel="tensile stress / largest")
+        left.legend()
+        broken, whole = breaking_forces(jobs["elastic"])
+        along = np.linspace(-1, 1, 200)
+        right.plot(along, 1 - along**2, color=style.GREY, lw=0.8, label="criterion")
+        right.plot(whole[:, 1], whole[:, 0], ".", color="0.6", ms=2.5, label="whole")
+        right.plot(broken[:, 1], broken[:, 0], "o", color=style.UNORDERED[1], mfc="none",
+                   label="at its break")  # fmt: skip
+        right.set(xlabel="shear $f_t/f_t^0$", ylabel="pull $f_n/f_n^0$", ylim=(-0.05, 1.3))
+        right.legend(loc="upper center", ncols=3, handletextpad=0.3, columnspacing=1.0)
+        style.save_as(figure, path, dpi=150, colours=128)
 
 
 def read_tissues(results: Path) -> dict[str, Kept]:
@@ -261,7 +254,7 @@ def read_tissues(results: Path) -> dict[str, Kept]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path, help="results folder of the study")
-    parser.add_argument("figure", help="path of the figure")
+    parser.add_argument("figure", type=Path, help="path of the figure")
     given = parser.parse_args()
     jobs = read_tissues(given.results)
     report(jobs)

@@ -750,7 +750,7 @@ def test_reading_a_study_is_light():
         ("full", 20_000, 30_000),
         ("hard_disc", 40, 60),
         ("soft_particle_ring", 5, 5),
-        ("soft_particle_compaction", 5, 5),
+        ("soft_particle_compaction", 8, 8),
         ("soft_plastic_ring", 6, 6),
         ("soft_beam", 15, 15),
         ("soft_free_ring", 16, 16),

@@ -110,11 +110,12 @@ def elastica_with_core(eta: float, strain: float, thickness: float) -> Bent:
 
 
 class Run(NamedTuple):
-    """Records of one run, and the pressures of the vertices on the upper plate."""
+    """Records of one run, and of all but the first pressures on the upper plate, and the shape."""
 
     table: dict[str, FloatArray]
     place: list[FloatArray]  # [R], of each record
     pressure: list[FloatArray]  # [E I/R³]
+    outline: list[FloatArray]  # (N, 2) of all vertices [R]
 
     def loading(self, name: str, strain: FloatArray) -> FloatArray:
         """Values of a column at ``strain`` of loading."""
@@ -148,7 +149,7 @@ def compress(
         }
     )
     run = Diametral(point, point.shear)
-    records, place, pressure = [run.record()], [], []
+    records, place, pressure, outline = [run.record()], [], [], []
     system, r = run.system, run.radius
     for _ in range(rows):
         run.go_on()
@@ -164,11 +165,12 @@ def compress(
         force = 2.0 * system.rules.stiffness * overlap[touching]
         place.append(system.motion.x[touching][order] / r)
         pressure.append((force / length)[order] * r**3 / run.unit.bending)
+        outline.append(np.column_stack([system.motion.x, system.motion.y]) / r)
     table = {name: np.array([record[name] for record in records]) for name in records[0]}
     table["height"] = np.full(len(records), float(np.ptp(system.motion.y)) / (2 * run.half))
     scales = {"bending": run.unit.bending, "radius": r, "diameter": 2 * run.half}
     table |= {name: np.full(len(records), value) for name, value in scales.items()}
-    return Run(table, place, pressure)
+    return Run(table, place, pressure, outline)
 
 
 def ellipse(strain: FloatArray) -> FloatArray:
@@ -239,7 +241,7 @@ def elastic(run: Run) -> None:
         )
     slope, offset = np.polyfit(strain, flat, 1)
     print(
-        f"Distance between the loads at the two ends, a line: onset {-offset / slope:.4f}, slope "
+        f"\nDistance between the loads at the two ends, a line: onset {-offset / slope:.4f}, slope "
         f"{slope:.3f}. The outermost three vertices of each end bear "
         f"{100 * min(ends):.1f} % or more of the force for ε > 0.32: the contact is flat and "
         "unloaded in between. The paper's figure 16 has a plateau there."
@@ -273,7 +275,7 @@ def crushed(results: Path) -> Iterator[Crushed]:
         bending = derived["bend_stiffness"] * derived["segment_length"]
         unit = 4 * given["model"]["yield_moment"] * bending / given["packing"]["radius"] ** 2
         table = dict(job.columns) | {"force_unit": np.full(len(job.columns["time"]), unit)}
-        run = Run(table, [], [])
+        run = Run(table, [], [], [])
         strain, force = table["compression"], table["mean_force"] / unit
         near = [(strain > at - 0.01) & (strain <= at + 0.01) for at in AT]
         law = np.array([force[way].mean() for way in near]) * np.sqrt(1 - AT**2)
@@ -449,7 +451,7 @@ def main() -> None:
     runs["η = 100"] = core(100.0)
     thinner()
     runs["plastic"] = plastic(given.results)
-    runs["let go"] = Run(dict(let_go(given.results).columns), [], [])
+    runs["let go"] = Run(dict(let_go(given.results).columns), [], [], [])
     draw(given.figure, runs)
 
 

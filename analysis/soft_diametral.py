@@ -15,14 +15,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
+from shear_sim.figures import style
 from shear_sim.models.soft_particle.diametral import Diametral
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.results import read_job
@@ -352,14 +350,34 @@ def thinner() -> None:
         row(f"{thickness:g}", share, law, (share - 1) / thickness**2)
 
 
-def _last_two(axis: plt.Axes) -> tuple[list[object], list[str]]:
+def profile(run: Run, strain: float) -> tuple[FloatArray, FloatArray]:
+    """Return x/R and the pressure [EI/R³] of the plate at ``strain``, zero beside what touches."""
+    top = int(run.table["compression"].argmax())
+    k = int(np.abs(run.table["compression"][1 : top + 1] - strain).argmin())
+    x, p = run.place[k], run.pressure[k]
+    segment = 2 * np.sin(np.pi / VERTICES)
+    gaps = np.flatnonzero(np.diff(x) > 1.5 * segment)
+    free = np.concatenate([[x[0]], x[gaps + 1]]) - segment
+    free = np.append(free, np.concatenate([x[gaps], [x[-1]]]) + segment)
+    every, bears = np.append(x, free), np.append(p, np.zeros(len(free)))
+    order = every.argsort()
+    return every[order], bears[order]
+
+
+def _last_two(axis: Axes) -> tuple[list[object], list[str]]:
     handles, labels = axis.get_legend_handles_labels()
     chosen = [k for k, label in enumerate(labels) if label.startswith(("its", "stadium"))]
     return [handles[k] for k in chosen], [labels[k] for k in chosen]
 
 
-def draw(path: str, runs: dict[str, Run]) -> None:
-    figure, axes = plt.subplots(2, 4, figsize=(12.5, 5.6), layout="constrained")
+def draw(path: Path, runs: dict[str, Run]) -> None:
+    with style.figure(style.DOUBLE, style.PAGE) as figure:
+        curves(figure.subplots(4, 2).reshape(2, 4), runs)
+        style.save_as(figure, path, dpi=150)
+
+
+def curves(axes: NDArray[np.object_], runs: dict[str, Run]) -> None:
+    """Draw the eight panels, two rows of four."""
     for name, run in runs.items():
         if name == "let go":
             continue
@@ -384,7 +402,7 @@ def draw(path: str, runs: dict[str, Run]) -> None:
     e = np.linspace(0, 0.5, 9)
     axes[0, 1].plot(e, hinged_area(e), color="C3", ls="none", marker="s", ms=3, mfc="none",
                     label="hinges")  # fmt: skip
-    axes[0, 1].legend(frameon=False, fontsize=7)
+    axes[0, 1].legend(fontsize=style.SMALL)
     axes[0, 1].plot(beyond, 2 * (1 - beyond) - 1.01253 * (1 - beyond) ** 2, **theory)
     axes[0, 1].set(ylabel="$V/V_0$")
     axes[0, 2].plot(beyond, 2.188 * (beyond - ONSET), **theory)
@@ -402,17 +420,15 @@ def draw(path: str, runs: dict[str, Run]) -> None:
                     color="C3", lw=0.8)  # fmt: skip
     axes[1, 0].plot(e, 1 / np.sqrt(1 - e**2), "k:", lw=1, label="DeRuntz & Hodge")
     axes[1, 0].set(ylabel="$F R/4M^Y$ of the plastic ring", ylim=(0, 1.4))
-    axes[1, 0].legend(frameon=False)
+    axes[1, 0].legend(fontsize=style.SMALL)
     for name, strain, color in (("elastic", 0.4, "C0"), ("η = 100", 0.3, "C2")):
-        run = runs[name]
-        k = int(np.abs(run.table["compression"][1 : len(run.place)] - strain).argmin())
-        p = run.pressure[k]
-        axes[1, 1].plot(run.place[k], p / p.max(), "o-", color=color, ms=3, lw=0.8,
+        x, p = profile(runs[name], strain)
+        axes[1, 1].plot(x, p / p.max(), "o-", color=color, ms=3, lw=0.8,
                         label=f"{name}, ε = {strain:g}")  # fmt: skip
     axes[1, 1].set(xlabel="$x/R$", ylabel="pressure of the plate / largest", ylim=(0, 1.3))
-    axes[1, 1].legend(frameon=False, fontsize=7, loc="upper center")
+    axes[1, 1].legend(fontsize=style.SMALL, loc="upper center")
     axes[0, 2].plot([], [], "k:", lw=0.6, label="stadium, η = 1, 100")
-    axes[0, 2].legend(*_last_two(axes[0, 2]), frameon=False, fontsize=7, loc="upper left")
+    axes[0, 2].legend(*_last_two(axes[0, 2]), fontsize=style.SMALL, loc="upper left")
     run = runs["elastic"]
     top = int(run.table["compression"].argmax()) + 1
     e = run.table["compression"][:top]
@@ -420,7 +436,7 @@ def draw(path: str, runs: dict[str, Run]) -> None:
     axes[0, 3].plot(e, ellipse(e), "k--", lw=0.7, label="ellipse")
     axes[0, 3].plot(e, 1 + (np.pi / 2 - 1) * e, "k:", lw=0.7, label="stadium")
     axes[0, 3].set(ylabel="$a/b_0$")
-    axes[0, 3].legend(frameon=False, fontsize=7)
+    axes[0, 3].legend(fontsize=style.SMALL)
     for name, color in (("elastic", "C0"), ("let go", "C3")):
         run = runs[name]
         top = int(run.table["compression"].argmax()) + 1
@@ -430,19 +446,16 @@ def draw(path: str, runs: dict[str, Run]) -> None:
         axes[1, 3].plot(e[top - 1 :], area[top - 1 :], "k--", lw=0.8)
     axes[1, 3].plot([], [], "k--", lw=0.8, label="back")
     axes[1, 3].set(ylabel="$V/V_0$, there and back")
-    axes[1, 3].legend(frameon=False, fontsize=7)
+    axes[1, 3].legend(fontsize=style.SMALL)
     for axis in (*axes[0], axes[1, 0], axes[1, 2], axes[1, 3]):
         axis.set_xlabel("$ε = 1 - b/b_0$")
-    axes[0, 0].legend(frameon=False, fontsize=7)
-    for axis in axes.flat:
-        axis.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=200)
+    axes[0, 0].legend(fontsize=style.SMALL)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path, help="results folder of the plastic rings")
-    parser.add_argument("figure", help="path of the figure")
+    parser.add_argument("figure", type=Path, help="path of the figure")
     given = parser.parse_args()
     runs = {"elastic": compress(0.5, 0.0025, 200, unload=True)}
     print("# A ring between two plates")

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from soft_diametral import ONSET, VERTICES, YIELD, Run, compress, head, row, stadium
+from soft_diametral import ONSET, VERTICES, YIELD, Run, compress, head, profile, row, stadium
 
 from shear_sim.figures import style
 
@@ -76,21 +76,14 @@ def forces(run: Run, moment: float = 1.0) -> FloatArray:
     return np.asarray(run.table["scaled_force"][1 : top(run) + 1] * SEGMENT / moment)
 
 
-def profile(
+def pressures(
     axis: Axes, run: Run, strains: tuple[float, ...], claim: str, moment: float = 1.0
 ) -> None:
-    """Draw the pressure of the upper plate over p* or p**, zero where it does not touch."""
+    """Draw the pressure of the upper plate over p* or p**."""
     for colour, strain in zip(style.UNORDERED, strains, strict=False):
-        k = int(np.abs(run.table["compression"][1 : top(run) + 1] - strain).argmin())
-        x, p = run.place[k], run.pressure[k] * SEGMENT**2 / moment
-        gaps = np.flatnonzero(np.diff(x) > 1.5 * SEGMENT)
-        free = np.concatenate([
-            [x[0] - SEGMENT, x[-1] + SEGMENT], x[gaps] + SEGMENT, x[gaps + 1] - SEGMENT
-        ])  # fmt: skip
-        every, bears = np.append(x, free), np.append(p, np.zeros(len(free)))
-        order = every.argsort()
-        look = {"color": colour, "ms": 2.5, "lw": 0.9}
-        axis.plot(every[order], bears[order], ".-", label=f"ε = {strain:g}", **look)
+        x, p = profile(run, strain)
+        axis.plot(x, p * SEGMENT**2 / moment, ".-", color=colour, ms=2.5, lw=0.9,
+                  label=f"ε = {strain:g}")  # fmt: skip
     axis.set(xlabel="$x/R$", ylim=(0, 1.6 * axis.get_ylim()[1]))
     axis.legend(loc="upper center", ncols=2, title=f"claim: {claim}", fontsize=style.SMALL,
                 title_fontsize=style.SMALL, handlelength=1.2)  # fmt: skip
@@ -134,11 +127,11 @@ def against_claims(path: Path, runs: dict[str, Run]) -> None:
         for axis, high in ((axes[0, 0], 30), (axes[1, 0], 30), (axes[0, 2], 3000)):
             axis.set(yscale="log", xlabel="$L_c/ℓ$", ylim=(0.1, high))
             axis.legend(fontsize=style.SMALL, handlelength=1.6)
-        profile(axes[0, 1], elastic, (0.1, 0.2, 0.35, 0.49), "a plateau at 1")
+        pressures(axes[0, 1], elastic, (0.1, 0.2, 0.35, 0.49), "a plateau at 1")
         axes[0, 1].set(ylabel="$p/p^*$", title="elastic, hollow (figure 16)")
-        profile(axes[1, 1], plastic, (0.1, 0.2, 0.35, 0.49), "a plateau at 1", YIELD)
+        pressures(axes[1, 1], plastic, (0.1, 0.2, 0.35, 0.49), "a plateau at 1", YIELD)
         axes[1, 1].set(ylabel="$p/p^{**}$", title="plastic, hollow (figure 18)")
-        profile(axes[1, 2], cored, (0.05, 0.15, 0.25, 0.35), "a plateau at 1 + $p_{core}$")
+        pressures(axes[1, 2], cored, (0.05, 0.15, 0.25, 0.35), "a plateau at 1 + $p_{core}$")
         axes[1, 2].set(ylabel="$p/p^*$", title="η = 100 (figure 24)")
         style.save_as(figure, path, dpi=200)
 

@@ -19,6 +19,7 @@ from soft_beams_and_rings import goals as beam_goals
 from soft_beams_and_rings import read
 from soft_compaction import KINDS, PREPARATIONS, read_packs
 from soft_compaction import goals as pack_goals
+from soft_compaction import measured as measured_of
 from soft_diametral import (
     ELASTICA,
     ONSET,
@@ -115,14 +116,14 @@ def single_rings(results: Path) -> None:
 
 
 def packs(results: Path) -> None:
-    found = {name: kept.table.summary for name, kept in read_packs(results).items()}
+    found = read_packs(results)
     for preparation, name in itertools.product(PREPARATIONS, KINDS):
         what = f"compaction, {name} by {preparation}"
         if (preparation, name) not in found:
             row(what, "", "no result", None)
             continue
-        summary = found[preparation, name]
-        measured, run = summary["measured"], summary["run"]
+        kept = found[preparation, name]
+        measured, run = measured_of(kept), kept.table.summary["run"]
         for key, (low, high) in pack_goals(name).items():
             value = measured.get(key, np.nan)  # nan: the pack did not bear so much
             row(f"{what}: {key}", f"{low:g} to {high:g}", f"{value:.3g}", low <= value <= high)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from soft_beams_and_rings import goals as beam_goals
 from soft_beams_and_rings import read
-from soft_compaction import KINDS, PREPARATIONS, read_packs
+from soft_compaction import KINDS, PREPARATIONS, read_packs, under_the_lid
 from soft_compaction import goals as pack_goals
 from soft_compaction import measured as measured_of
 from soft_diametral import (
@@ -132,7 +132,9 @@ def packs(results: Path) -> None:
             row(f"{what}: e comes back to 0.02", "0.02", f"{back:.4f}", back < 0.02)
         missing = measured["energy_missing_ratio"]
         row(f"{what}: energy missing", "1e-4", f"{missing:.1e}", missing < 1e-4)
-        row(f"{what}: CPU time", "10 min", f"{run['cpu_s'] / 60:.1f} min", run["cpu_s"] < 600)
+        seconds = run["cpu_s"] * under_the_lid(kept)
+        row(f"{what}: CPU time of load and unload", "10 min", f"{seconds / 60:.1f} min",
+            seconds < 600)  # fmt: skip
 
 
 def speed() -> None:

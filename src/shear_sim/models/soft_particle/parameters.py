@@ -91,7 +91,8 @@ class SoftParticlePacking(Section):
             ge=8,
             le=2000,
             multiple_of=4,
-            description="N of a ring, mass points; cells have segments as long; section 2.1",
+            description="N of a ring, mass points: a multiple of 4 has a segment at each of two "
+            "plates; cells have segments as long; section 2.1",
         ),
     ] = 100
     radius: Annotated[

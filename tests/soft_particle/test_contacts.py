@@ -317,10 +317,29 @@ def test_a_wall_is_a_spring_of_twice_the_stiffness():
     assert forces(s)[low] == pytest.approx(slope(s)[low], abs=1e-9)
 
 
-def test_a_moving_wall_does_the_work_it_says():
-    """A ring squeezed between a fixed and a moving wall with friction that slides along."""
+def test_springs_of_a_wall_that_goes_are_counted():
+    """½ f²/k_t of each vertex that stuck to it: no spring slid, and nothing else was lost."""
+    wall = Wall(0.0, 1.0, -0.95, slide=-0.01)
+    s = system(ring(8, thickness=0.2), walls=[wall], stiffness=0.5, tangential=0.7, friction=5.0)
+    s.hold(np.arange(8))
+    s.begin()
+    s.advance(20)
+    force = s.springs.wall[0].copy()
+    stored = s.budget().tangential
+    assert (force != 0.0).sum() == 2
+    s.walls.slide[0], s.walls.velocity[0] = 0.0, -1.0
+    s.advance(20)
+    b = s.budget()
+    assert not s.springs.wall.any()
+    assert b.tangential == b.sliding == 0.0
+    assert b.separation == pytest.approx((force**2).sum() / (2 * 0.7), rel=1e-12)
+    assert b.separation == pytest.approx(stored, rel=1e-12)
+
+
     walls = [Wall(0, 1, -1.06), Wall(0, -1, -1.06, velocity=0.002, slide=0.003)]
     body = ring(16, thickness=0.1, bend_damping=0.2, stretch_damping=0.2)
+def test_a_moving_wall_does_the_work_it_says():
+    """A ring squeezed between a fixed and a moving wall with friction that slides along."""
     missing = []
     for fraction in (0.2, 0.05):
         s = system(body, walls=walls, friction=0.4, stiffness=0.2, contact_damping=0.2)

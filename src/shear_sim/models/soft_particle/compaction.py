@@ -190,9 +190,6 @@ class Compactor(Scenario):
         change = table["box_area"][0] - table["box_area"][1:]
         share = np.append(0.0, (table["solid_area"][0] - table["solid_area"][1:])
                           / np.where(change > 0.0, change, np.nan))  # fmt: skip
-        stored = np.zeros(len(stress))
-        for name in ("stretch", "bend", "core", "contact"):
-            stored += table[f"energy_{name}"]
         found = {
             "start_void_ratio": void[0],
             "final_strain": table["strain"][top],
@@ -202,11 +199,10 @@ class Compactor(Scenario):
             "final_circularity": table["circularity"][top],
             "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
             "drag_ratio": table["lost_by_drag"][top] / work,
+            "kinetic_ratio": table["energy_kinetic"][top] / work,
         }
         loading = np.arange(len(stress)) <= top
         set_ = loading & (stress > LOWEST)
-        if set_.any():
-            found["inertia_ratio"] = (table["energy_kinetic"][set_] / stored[set_]).max()
         if set_.sum() >= FEWEST:
             slope = np.polyfit(np.log10(stress[set_]), void[set_], 1)[0]
             found["compressibility_index"] = -slope

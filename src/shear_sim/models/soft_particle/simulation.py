@@ -34,6 +34,14 @@ from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
 
+#: Flags of a run: what is measured of it, and what is too much. Runs that are to be slow have the
+#: last two: an inertial stress of 3 % of that of a box, and forces that are some percent too large.
+FLAGS = {
+    "energy_missing": ("energy_missing_ratio", 1e-4),
+    "inertia": ("kinetic_ratio", 0.02),
+    "drag": ("drag_ratio", 0.01),
+}
+
 class SoftParticleSimulation:
     """One prepared simulation; see :class:`shear_sim.models.interface.Simulation`."""
 
@@ -133,12 +141,17 @@ class SoftParticleSimulation:
                 "longest_stable_step": system.stable_step,
                 "steps": system.steps,
             },
+        measured = self.run.measured(self.columns()) if self.done == self.rows else None
             "protocol": protocol,
             "preparation": self.run.preparation(),
             "status": "completed",
-            "measured": self.run.measured(self.columns()) if self.done == self.rows else None,
+            "measured": measured,
             "checks": checks,
-            "flags": {},
+            "flags": {
+                flag: not measured[name] <= limit
+                for flag, (name, limit) in FLAGS.items()
+                if measured is not None and name in measured
+            },
         }
 
 

@@ -179,15 +179,13 @@ class Puller(Scenario):
         pull, strain = -table["stress_yy"], table["strain"]
         peak = int(pull.argmax())
         work = float(table["work"].max())
-        stored = sum(table[f"energy_{name}"] for name in ("stretch", "bend", "core", "contact"))
-        stored = stored + table["energy_links"]
         found = {
             "peak_stress_per_bending": -table["stress_yy_per_bending"][peak],
             "peak_strain": strain[peak],
             "links_broken": table["links_broken"][-1],
             "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
             "drag_ratio": table["lost_by_drag"][-1] / work,
-            "inertia_ratio": table["energy_kinetic"][peak] / stored[peak],
+            "kinetic_ratio": table["energy_kinetic"][peak] / table["work"][peak],
         }
         weak = np.flatnonzero(pull[peak:] < BROKEN_STRESS * pull[peak])
         if len(weak):

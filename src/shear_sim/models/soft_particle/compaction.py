@@ -99,9 +99,7 @@ class Compactor(Scenario):
         if self.loaded:
             each = self.unit.period / shear.relative_rate / (self.one_way * PIECES)
             walls.mass[LID] = self.row
-        longest = self.point.integrator.step * system.stable_step
-        self.steps = math.ceil(each / longest * (1.0 - 1e-9))
-        system.rules = system.rules._replace(step=each / self.steps)
+        self.steps = system.divide(each, self.point.integrator.step)
         if not self.loaded:
             # All of the pack sets out at once: no front runs through it from the lid.
             system.motion.vy[:] = -self.speed * system.motion.y / top

@@ -48,9 +48,7 @@ class Diametral(Scenario):
         stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)
         self.speed = shear.compression * self.half / (stroke * (1.0 - RAMP))
         piece = stroke * self.strokes / (rows * PIECES)
-        longest = point.integrator.step * self.system.stable_step
-        self.steps = math.ceil(piece / longest * (1.0 - 1e-9))  # of a piece
-        self.system.rules = self.system.rules._replace(step=piece / self.steps)
+        self.steps = self.system.divide(piece, point.integrator.step)
         self.pieces = rows * PIECES
         self.piece = 0
         self.system.begin()

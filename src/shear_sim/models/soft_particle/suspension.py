@@ -84,9 +84,7 @@ class Suspension(Scenario):
         if self.point.cell.boundary == "plates":
             self.glued = self._glue()
         between = self.period * shear.periods / rows
-        longest = self.point.integrator.step * system.stable_step
-        self.steps = math.ceil(between / longest * (1.0 - 1e-9))
-        system.rules = system.rules._replace(step=between / self.steps)
+        self.steps = system.divide(between, self.point.integrator.step)
         self.first = system.steps
         system.shear(shear.strain_amplitude, 1.0 / self.period)
         width, height = map(float, system.cell.size)

@@ -1,5 +1,6 @@
 """A system of soft particles that is asked to go on: what is between the kernels and a scenario."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -18,6 +19,13 @@ from shear_sim.models.soft_particle.pairs import near_segments
 from shear_sim.models.soft_particle.rigid import freeze_shapes
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
+from shear_sim.models.soft_particle.stability import (
+    LARGEST,
+    at_most,
+    damped_share,
+    damping_rate,
+    squared_frequency,
+)
     BROKEN,
     DAMPING,
     DRAG,
@@ -110,18 +118,11 @@ def ledger(budget: Budget) -> dict[str, float]:
 
 
 def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
-    """Return a bound ω [1/s] on all frequencies: bars, hinges, cores and contacts (SP.10).
-
-    ω² m = 4 k_s + 16 k_b/ℓ² + (K_Ω/A₀) Σ|∂A/∂x_k|² + |p₀| + 2·4 k_n, each the largest of a chain;
-    the sum of the squares is 4π/N A₀ for a ring of N equal segments.
-    """
+    """Return a bound ω [1/s] on all frequencies, the largest of all chains, see ``stability``."""
     highest = 0.0
     for p in range(len(chains.closed)):
         part = slice(chains.start[p], chains.start[p + 1])
-        least = float(chains.rest_length[part].min())
-        total = 4.0 * float(chains.stretch_stiffness[part].max())
-        total += 16.0 * float(chains.bend_stiffness[part].max()) / least**2
-        total += 2.0 * CONTACTS * stiffness
+        core = 0.0
         if chains.core_law[p] != HOLLOW:
             px, py = x[part], y[part]
             slope = 0.25 * (
@@ -134,24 +135,28 @@ def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: f
                 modulus = 0.0
             else:
                 modulus = float(chains.core_stiffness[p])
-            total += modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
-        highest = max(highest, total / float(chains.mass[part].min()))
+            core = modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
+        squared = squared_frequency(
+            float(chains.stretch_stiffness[part].max()), float(chains.bend_stiffness[part].max()),
+            float(chains.rest_length[part].min()), stiffness, core, float(chains.mass[part].min()),
+        )  # fmt: skip
+        highest = max(highest, squared)
     return math.sqrt(highest)
 
 
-def highest_damping(chains: Chains, drag: float) -> float:
-    """Return a bound Γ [1/s] on the rates at which dashpots inside chains and drag end motions.
+def highest_damping(chains: Chains, drag: float, contact: float) -> float:
+    """Return a bound Γ [1/s] on the rates of all dashpots, the largest of all chains.
 
-    Γ m = 4 c_s + 16 c_b/ℓ² + inner damping + drag, as in ``highest_frequency``.
+    ``contact``: k_n β h of the deepest contact [N s/m²].
     """
-    highest = 0.0
-    for p in range(len(chains.closed)):
-        part = slice(chains.start[p], chains.start[p + 1])
-        least = float(chains.rest_length[part].min())
-        total = 4.0 * float(chains.stretch_damping[p]) + drag + float(chains.inner_damping[p])
-        total += 16.0 * float(chains.bend_damping[p]) / least**2
-        highest = max(highest, total / float(chains.mass[part].min()))
-    return highest
+    return max(
+        damping_rate(
+            float(chains.stretch_damping[p]), float(chains.bend_damping[p]),
+            float(chains.rest_length[first:end].min()), contact,
+            drag + float(chains.inner_damping[p]), float(chains.mass[first:end].min()),
+        )
+        for p, (first, end) in enumerate(itertools.pairwise(chains.start))
+    )  # fmt: skip
 
 
 class System:
@@ -170,6 +175,10 @@ class System:
     contact_damping : float
         Fraction of critical of a contact of full overlap.
     drag : float
+        if step is None:
+            step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
+        self._check_step(step, self.stable_step)
+        self.rules = self.rules._replace(step=step)
         Force of a vertex per velocity [N s/m²].
     step : float, optional
         δt [s]; default a fifth of the longest stable one.
@@ -201,12 +210,6 @@ class System:
         self.stable_step = 2.0 / highest_frequency(
             self.chains, self.motion.x, self.motion.y, stiffness
         )
-        if step is not None and not 0.0 < step <= 0.9 * self.stable_step:
-            msg = (
-                f"time_step = {step:g} s is over 0.9 of the longest stable one "
-                f"({self.stable_step:.3g} s): at most {0.4 * self.stable_step:.2g}"
-            )
-            raise ValueError(msg)
         vertices = len(self.motion.x)
         thin = float(self.chains.radius.min())
         mass = float(self.chains.mass.min())
@@ -216,7 +219,7 @@ class System:
             friction,
             contact_damping * math.sqrt(mass / stiffness) / thin,
             drag,
-            FRACTION * self.stable_step if step is None else step,
+            0.0,
         )
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
@@ -391,16 +394,14 @@ class System:
             If none are, or two that are to be linked are not, or the step is too long with links.
         """
         links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
-        self.links, self.strips = sort_links(links, self.strips)
-        self.mail = mail(self.lists, self.strips)
         highest = (2.0 / self.stable_step) ** 2
         # Two links at a vertex or segment, with at most 2 k each.
-        highest += 4.0 * float(self.links.law[:2].max()) / float(self.chains.mass.min())
-        longest = 2.0 / math.sqrt(highest)
-        if self.rules.step > 0.9 * longest:
-            msg = f"time_step = {self.rules.step:g} s is too long with links: at most {longest:.3g}"
-            raise ValueError(msg)
-        self.stable_step = longest
+        highest += 4.0 * float(links.law[:2].max()) / float(self.chains.mass.min())
+        stable_step = 2.0 / math.sqrt(highest)
+        self._check_step(self.rules.step, stable_step)
+        self.stable_step = stable_step
+        self.links, self.strips = sort_links(links, self.strips)
+        self.mail = mail(self.lists, self.strips)
 
     def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
         """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
@@ -417,14 +418,43 @@ class System:
         first, end = self.chains.start[p : p + 2]
         return float(ring_area(self.motion.x, self.motion.y, first, end))
 
-    def damped_step(self) -> float:
-        """Return a step h [s] that is stable with the dashpots of chains too, whatever moves.
+    def damped_step(self, deepest: float = 0.0) -> float:
+        """Return a step [s] that is stable with the dashpots too, whatever moves, Eq. (SP.10).
 
-        They see velocities predicted half a step ahead, which asks for (h ω)²/4 + h Γ ≤ 1.
+        ``deepest``: of all contacts [m], as their dashpots grow with their overlaps.
         """
-        omega = 2.0 / self.stable_step
-        share = highest_damping(self.chains, self.rules.drag) / omega
-        return self.stable_step * (math.sqrt(1.0 + share * share) - share)
+        return self.stable_step * self._damped_share(self.stable_step, deepest)
+
+    def _damped_share(self, stable_step: float, deepest: float = 0.0) -> float:
+        contact = self.rules.stiffness * self.rules.dashpot * deepest
+        rate = highest_damping(self.chains, self.rules.drag, contact)
+        return damped_share((2.0 / stable_step) ** 2, rate)
+
+    def longest_step(self, stable_step: float | None = None) -> float:
+        """Return the longest step [s] that is accepted: contacts do not touch yet.
+
+        ``stable_step``: without dashpots, by default that of now.
+        """
+        stable = self.stable_step if stable_step is None else stable_step
+        return stable * min(LARGEST, self._damped_share(stable))
+
+    def _check_step(self, step: float, stable_step: float) -> None:
+        longest = self.longest_step(stable_step)
+        if not 0.0 < step <= longest:
+            msg = (
+                f"step = {step:g} s is none, or not stable with these springs and dashpots: at "
+                f"most {at_most(longest)}"
+            )
+            raise ValueError(msg)
+
+    def divide(self, time: float, share: float) -> int:
+        """Let a whole number of steps, which is returned, make ``time`` [s].
+
+        ``share``: of the longest one that is stable without dashpots, at most.
+        """
+        steps = math.ceil(time / (share * self.stable_step) * (1.0 - 1e-9))
+        self.rules = self.rules._replace(step=time / steps)
+        return steps
 
     def _guard(self, status: int) -> None:
         """Stop if the state means nothing any more."""
@@ -447,7 +477,7 @@ class System:
             which = 0 if self.work.closest[0] < 0.5 * DEEPEST else 1
             problem = (
                 f"{self._vertex(int(self.work.near[which]))} went through a segment or a wall: a "
-                f"larger model.contact_stiffness, {SHORTER}"
+                f"larger model.contact_stiffness, {SHORTER}{self._damped()}"
             )
         else:
             problem = misshapen(self.chains, m.x, m.y)
@@ -457,12 +487,13 @@ class System:
 
     def _damped(self) -> str:
         """Return what to do where dashpots may be what makes the step unstable."""
-        share = self.damped_step() / self.stable_step
-        if self.rules.step <= share * self.stable_step:
+        deepest = max(0.0, 1.0 - float(self.work.closest.min())) * 2.0 * self.chains.radius.max()
+        stable = self.damped_step(deepest)
+        if self.rules.step <= stable:
             return ""
         return (
-            f"; with these dashpots a step is surely stable up to integrator.step = {share:.2g}: "
-            "that, or less model.damping"
+            "; with these dashpots a step is surely stable up to integrator.step = "
+            f"{at_most(stable / self.stable_step)}: that, or less damping or contact_damping"
         )
 
     def _vertex(self, k: int) -> str:

@@ -89,10 +89,8 @@ class Puller(Scenario):
         self.rows, self.strokes = rows + 1, 1
         way = self.start * math.expm1(shear.strain)
         self.speed = shear.relative_rate * self.start / self.unit.period
-        longest = point.integrator.step * self.system.stable_step
         each = way / self.speed / rows
-        self.steps = math.ceil(each / longest * (1.0 - 1e-9))
-        self.system.rules = self.system.rules._replace(step=each / self.steps)
+        self.steps = self.system.divide(each, point.integrator.step)
         self.frame = (0.0, 0.0, self.width, made.height + way)
         # All of it sets out at once: no front runs through the tissue.
         motion.vy[:] = self.speed * (motion.y - self.low) / self.start

@@ -10,7 +10,7 @@ from soft_particles import HOUSE, chain, finished, points, probe, ring, system
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.bodies import Shell
 from shear_sim.models.soft_particle.simulation import SoftParticleSimulation
-from shear_sim.models.soft_particle.system import Wall
+from shear_sim.models.soft_particle.walls import Wall
 from shear_sim.streams import Streams
 
 
@@ -88,7 +88,7 @@ def test_drag_against_the_own_particle():
 def test_dashpots_of_contacts(speed):
     """f = k_n h (1 − β ḣ⁻) with β = ζ √(m/k_n)/r, and never a pull: of chains and of walls."""
     zeta, stiffness = 0.25, 0.5
-    s, v = probe(HOUSE, (1.0, -0.15), stiffness=stiffness, contact_damping=zeta)
+    s, v = probe(HOUSE, (1.0, -0.15), tail=(0.0, -5.0), stiffness=stiffness, contact_damping=zeta)
     s.motion.vy[v] = -speed  # away from the flat side above
     s._forces(s.rules._replace(step=0.0))
     beta = zeta * np.sqrt(1.0 / stiffness) / 0.1

@@ -5,7 +5,7 @@ import pytest
 from soft_particles import angular_momentum, chain, forces, momentum, ring, slope, system
 
 from shear_sim.models.soft_particle.links import energy_at_criterion
-from shear_sim.models.soft_particle.system import Wall
+from shear_sim.models.soft_particle.walls import Wall
 
 
 def square(x=0.0, y=0.0, cuts=2):

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.bodies import Core
 from shear_sim.models.soft_particle.driving import Bending
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 
 #: Of both supports: ω L² √(ρ_l/EI) of the slowest vibration, and F L³/EI δ under the force.
 SLOWEST = {"free end": 3.5160, "ends": math.pi**2}

@@ -5,12 +5,14 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.driving import Compaction
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.scenario import Rest, Scenario
-from shear_sim.models.soft_particle.system import System, Wall, ledger
+from shear_sim.models.soft_particle.system import System
+from shear_sim.models.soft_particle.walls import Wall
 from shear_sim.streams import Streams
 
 UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)

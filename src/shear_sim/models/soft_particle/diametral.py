@@ -5,13 +5,15 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.driving import DiametralCompression
 from shear_sim.models.soft_particle.kernels import core_pressure
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.state import HOLLOW
-from shear_sim.models.soft_particle.system import System, Wall, ledger
+from shear_sim.models.soft_particle.system import System
+from shear_sim.models.soft_particle.walls import Wall
 
 RAMP = 0.05  # part of a stroke in which the plates come to their speed, and to rest
 PIECES = 50  # of a record, in each of which the plates keep their speed

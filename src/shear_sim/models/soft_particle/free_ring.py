@@ -1,18 +1,18 @@
 """A ring that touches nothing: under a pressure from outside, and in its slowest vibration."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.bodies import Core
 from shear_sim.models.soft_particle.driving import OuterPressure, Vibration
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 
 FloatArray = NDArray[np.float64]
 

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.driving import SoftParticleOscillatoryShear
 from shear_sim.models.soft_particle.packs import loose_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.scenario import Rest, Scenario, more_drag
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 from shear_sim.streams import Streams
 
 LOOSE = 0.7  # packing fraction of the discs that rings start from

@@ -3,13 +3,15 @@
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.interface import SimulationError
+from shear_sim.models.soft_particle.balance import Budget
 from shear_sim.models.soft_particle.bodies import Body, assemble
+from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
 from shear_sim.models.soft_particle.guards import misshapen
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
@@ -17,8 +19,6 @@ from shear_sim.models.soft_particle.links import glue, link_energy, no_links
 from shear_sim.models.soft_particle.motion import march
 from shear_sim.models.soft_particle.pairs import near_segments
 from shear_sim.models.soft_particle.rigid import freeze_shapes
-from shear_sim.models.soft_particle.state import (
-    BEND_YIELD,
 from shear_sim.models.soft_particle.stability import (
     LARGEST,
     at_most,
@@ -26,6 +26,8 @@ from shear_sim.models.soft_particle.stability import (
     damping_rate,
     squared_frequency,
 )
+from shear_sim.models.soft_particle.state import (
+    BEND_YIELD,
     BROKEN,
     DAMPING,
     DRAG,
@@ -49,6 +51,7 @@ from shear_sim.models.soft_particle.stability import (
 )
 from shear_sim.models.soft_particle.state import cell as no_cell
 from shear_sim.models.soft_particle.strips import divide, in_threads, mail, sort_links
+from shear_sim.models.soft_particle.walls import Wall, check_walls
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -60,61 +63,6 @@ SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
 NEAREST = 0.25
 SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
 SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less
-CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
-
-
-class Wall(NamedTuple):
-    """A rigid half-plane n·x < position, n = (nx, ny) towards the particles."""
-
-    nx: float
-    ny: float
-    position: float  # [m]
-    velocity: float = 0.0  # along n [m/s]
-    slide: float = 0.0  # along (−n_y, n_x) [m/s]
-    mass: float = 0.0  # [kg/m] of a wall that moves by itself under ``load``; 0: it does not
-    load: float = 0.0  # [N/m] towards the particles
-    damping: float = 0.0  # [N s/m²]
-
-
-class Budget(NamedTuple):
-    """Energies now, and work and losses since the start [J/m]; ``missing`` is what they leave."""
-
-    kinetic: float
-    stretch: float
-    bend: float
-    core: float
-    normal: float
-    tangential: float
-    links: float
-    by_walls: float
-    by_forces: float
-    by_velocities: float
-    by_shear: float
-    stretch_yield: float
-    bend_yield: float
-    sliding: float
-    separation: float
-    damping: float
-    drag: float
-    broken: float
-    missing: float
-
-
-def ledger(budget: Budget) -> dict[str, float]:
-    """Return the energy columns of a record."""
-    return {
-        "energy_stretch": budget.stretch,
-        "energy_bend": budget.bend,
-        "energy_core": budget.core,
-        "energy_contact": budget.normal + budget.tangential,
-        "energy_kinetic": budget.kinetic,
-        "work": budget.by_walls + budget.by_shear,
-        "lost_by_yield": budget.stretch_yield + budget.bend_yield,
-        "lost_by_friction": budget.sliding + budget.separation,
-        "lost_by_damping": budget.damping,
-        "lost_by_drag": budget.drag,
-        "energy_missing": budget.missing,
-    }
 
 
 def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
@@ -175,10 +123,6 @@ class System:
     contact_damping : float
         Fraction of critical of a contact of full overlap.
     drag : float
-        if step is None:
-            step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
-        self._check_step(step, self.stable_step)
-        self.rules = self.rules._replace(step=step)
         Force of a vertex per velocity [N s/m²].
     step : float, optional
         δt [s]; default a fifth of the longest stable one.
@@ -188,9 +132,9 @@ class System:
     Raises
     ------
     BodyError
-        If a body is none.
+        If a body is none, or where another one is.
     ValueError
-        If the step is not stable.
+        If a number or a wall means nothing, a body is behind one, or the step is not stable.
     """
 
     def __init__(
@@ -206,7 +150,17 @@ class System:
         step: float | None = None,
         cell: tuple[float, float] | None = None,
     ) -> None:
-        self.chains, self.motion = assemble(bodies)
+        positive(stiffness=stiffness)
+        if tangential is not None:
+            positive(tangential=tangential)
+        not_negative(friction=friction, contact_damping=contact_damping, drag=drag)
+        if cell is not None:
+            positive(cell=cell)
+        self.chains, self.motion = assemble(bodies, cell)
+        if walls and cell is not None:
+            msg = "a cell has no walls: leave one of both out, or hold vertices instead"
+            raise ValueError(msg)
+        check_walls(walls, self.chains.chain, self.motion.x, self.motion.y)
         self.stable_step = 2.0 / highest_frequency(
             self.chains, self.motion.x, self.motion.y, stiffness
         )
@@ -221,6 +175,10 @@ class System:
             drag,
             0.0,
         )
+        if step is None:
+            step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
+        self._check_step(step, self.stable_step)
+        self.rules = self.rules._replace(step=step)
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         self.springs = springs(vertices, len(table))
@@ -322,10 +280,15 @@ class System:
         Raises
         ------
         ValueError
-            If there are walls, links or rigid particles, which know no images.
+            If there is no cell, or links or rigid particles, which know no images.
         """
-        if len(self.walls.nx) or len(self.links.vertex) or len(self.rigid.chain):
-            msg = "a sheared cell has no walls, links or rigid particles: hold vertices instead"
+        finite(amplitude=amplitude)
+        positive(frequency=frequency)
+        if not self.cell.size.all():
+            msg = "there is no cell to be sheared: cell = (width, height)"
+            raise ValueError(msg)
+        if len(self.links.vertex) or len(self.rigid.chain):
+            msg = "a sheared cell has no links or rigid particles: hold vertices instead"
             raise ValueError(msg)
         self.cell.wave[:] = amplitude, 2.0 * math.pi * frequency
         self.cell.steps[0] = 0
@@ -356,6 +319,7 @@ class System:
         factor : float
             All distances of their centres are multiplied by this.
         """
+        positive(factor=factor)
         chains, motion = self.chains, self.motion
         count = np.diff(chains.start)
         for place in (motion.x, motion.y):
@@ -371,6 +335,9 @@ class System:
         Call ``begin`` afterwards, if an energy balance is wanted.
         """
         motion = self.motion
+        places(len(motion.x), vertices=vertices)
+        imposed = {"vx": vx, "vy": vy}
+        finite(**{name: value for name, value in imposed.items() if value is not None})
         for free, speeds, value in ((motion.free_x, motion.vx, vx), (motion.free_y, motion.vy, vy)):
             free[vertices] = 0.0 if value is not None else 1.0
             if value is not None:
@@ -383,6 +350,7 @@ class System:
 
     def make_rigid(self, particles: IndexArray) -> None:
         """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
+        places(len(self.chains.closed), particles=particles)
         self.rigid = freeze_shapes(self.chains, self.motion, particles.astype(np.int32))
 
     def glue(self, reach: float, **law: Any) -> None:
@@ -405,18 +373,38 @@ class System:
 
     def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
         """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
+        places(len(self.motion.x), vertices=vertices)
+        finite(fx=fx, fy=fy)
         self.motion.gx[vertices] += fx
         self.motion.gy[vertices] += fy
 
     def press(self, p: int, pressure: float) -> None:
-        """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on."""
+        """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on.
+
+        Raises
+        ------
+        ValueError
+            If it has no core: that of one without stiffness is ``Core("drained")``.
+        """
+        self._closed(p)
+        (positive if self.chains.core_law[p] == GAS else finite)(pressure=pressure)
+        if self.chains.core_law[p] == HOLLOW:
+            msg = f"particle {p} has no core to be pressed: Core('drained'), say"
+            raise ValueError(msg)
         self.chains.core_pressure[p] = pressure
         self._forces(self.rules._replace(step=0.0))
 
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""
+        self._closed(p)
         first, end = self.chains.start[p : p + 2]
         return float(ring_area(self.motion.x, self.motion.y, first, end))
+
+    def _closed(self, p: int) -> None:
+        places(len(self.chains.closed), p=p)
+        if self.chains.closed[p] == 0:
+            msg = f"particle {p} is open: only a ring has an inside"
+            raise ValueError(msg)
 
     def damped_step(self, deepest: float = 0.0) -> float:
         """Return a step [s] that is stable with the dashpots too, whatever moves, Eq. (SP.10).

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import Ints
 from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.bodies import Body
 from shear_sim.models.soft_particle.driving import Tension
 from shear_sim.models.soft_particle.links import energy_at_criterion
@@ -15,7 +16,7 @@ from shear_sim.models.soft_particle.packs import touching_discs
 from shear_sim.models.soft_particle.parameters import SoftLinks, SoftParticlePoint
 from shear_sim.models.soft_particle.rings import body, in_rows, scales, shapes
 from shear_sim.models.soft_particle.scenario import Scenario
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 from shear_sim.models.soft_particle.tissue import outline, tessellation
 from shear_sim.streams import Streams
 

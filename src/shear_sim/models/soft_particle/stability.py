@@ -52,18 +52,18 @@ def longest_share(model: "SoftParticle", vertices: int) -> float:
     Contacts are left out: their dashpots count by how deep they are, and none is at the start.
     """
     # With R, E/(1 − ν²) and the mass of a vertex 1.
-    angle = math.pi / vertices
-    length = 2.0 * math.sin(angle)
-    stretch = model.thickness / length
-    bend = model.thickness**3 / 12.0 / length
-    shell = stretch * math.tan(angle)
+    angle, bending = math.pi / vertices, model.thickness**3 / 12.0
+    segment = 2.0 * math.sin(angle)
+    length = segment / (1.0 + 0.5 * model.core_pressure)  # of bars without tension
+    stretch, bend = model.thickness / length, bending / length
+    shell = model.thickness / segment * math.tan(angle)
     rest = model.core_pressure * shell
     core = rest if model.core == "gas" else model.core_ratio * shell
     squared = squared_frequency(
-        stretch, bend, length, model.contact_stiffness * bend / length**2,
+        stretch, bend, length, model.contact_stiffness * bending / segment**3,
         2.0 * math.sin(2.0 * angle) * core + rest, 1.0,
     )  # fmt: skip
-    slowest = math.sqrt(36.0 / 5.0 * bend * length * 2.0 * angle)  # ω₁
+    slowest = math.sqrt(36.0 / 5.0 * bending * 2.0 * angle)  # ω₁
     rate = damping_rate(
         2.0 * model.damping * math.sqrt(0.5 * stretch),
         2.0 * model.damping * math.sqrt(length**2 / 3.0 * bend),

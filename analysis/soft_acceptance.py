@@ -50,7 +50,7 @@ TESTS = {
     "what a study keeps of a run, from tables made by hand": "test_measured.py",
     "a lid under a load": "test_compaction.py -k load",
     "guards: passing through, inside out, folded, crushed": "test_contacts.py -k stops",
-    "bad input": "-k impossible or refused or unstable or none_are or bodies",
+    "bad input": "-k impossible or refused or unstable or none_are or test_checks or test_steps",
     "tissue: tessellation, links, energies": "-k tissue or tension or link",
     "oscillatory shear: ∮τ dγ of a cycle = losses, 1e-4": "-k dissipated or what_a_run_measures",
     "oscillatory shear: G′ of a crystal is its Hessian's, 1 %": "test_periodic.py -k hessian",

@@ -28,7 +28,8 @@ from shear_sim.models.soft_particle.bodies import Body, Core, Shell, ring_points
 from shear_sim.models.soft_particle.contacts import contact_forces, find_touching, wall_forces
 from shear_sim.models.soft_particle.kernels import shell_forces
 from shear_sim.models.soft_particle.links import link_forces
-from shear_sim.models.soft_particle.system import System, Wall
+from shear_sim.models.soft_particle.system import System
+from shear_sim.models.soft_particle.walls import Wall
 
 COLUMNS, ROWS, VERTICES, THICKNESS = 22, 23, 24, 0.1
 STEPS, ROUNDS = 300, 5

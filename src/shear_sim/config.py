@@ -240,6 +240,10 @@ def _wrong(entry: Any, info: FieldInfo | None) -> str:
     context = entry.get("ctx", {})
     if entry["type"] == "literal_error" and info is not None:
         return one_of(entry["input"], tuple(str(value) for value in _literals(info.annotation)))
+    if entry["type"] == "multiple_of":
+        step = context["multiple_of"]
+        below = entry["input"] // step * step
+        return f"must be a multiple of {step:g}: {below:g} or {below + step:g}{_meaning(info)}"
     if entry["type"] not in _MUST_BE:
         return str(context.get("error") or entry["msg"])
     message = _MUST_BE[entry["type"]].format(**context)

@@ -55,6 +55,9 @@ FLAGGED = {
     "stopped_early": "that stopped before their end",
     "deep_overlap": "whose discs overlap deeply",
     "forces_nonunique": "whose forces are one of many sets",
+    "energy_missing": "whose energy is not all accounted for",
+    "inertia": "so fast that inertia counts",
+    "drag": "whose drag bears a part of the load",
 }
 
 InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows

@@ -17,7 +17,7 @@ from soft_particles import (
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle import contacts
 from shear_sim.models.soft_particle.state import SEPARATION, SLIDING, TWO_SIDED
-from shear_sim.models.soft_particle.system import Wall
+from shear_sim.models.soft_particle.walls import Wall
 
 
 def energy_at(s, v, x, y):
@@ -78,8 +78,10 @@ def test_force_is_the_slope_of_the_potential_everywhere(closed):
 
 def test_forces_between_two_rings_are_the_slope_of_their_energy():
     rng = np.random.default_rng(4)
-    one, other = polygon(rng, 12), polygon(rng, 12, x=1.75)
+    one, other = polygon(rng, 12), polygon(rng, 12, x=2.75)
     s = system(ring(points=one, thickness=0.3), ring(points=other, thickness=0.3), stiffness=0.5)
+    s.motion.x[12:] -= 1.0  # beyond the mid-line, where no ring may start
+    s._list()
     assert s.stored()[3] > 1e-4
     assert forces(s) == pytest.approx(slope(s), abs=1e-8)
     f = forces(s)
@@ -315,6 +317,25 @@ def test_a_wall_is_a_spring_of_twice_the_stiffness():
     assert len(low) == 2
     assert s.walls.push[0] == pytest.approx((2 * 0.5 * overlap).sum())
     assert forces(s)[low] == pytest.approx(slope(s)[low], abs=1e-9)
+
+
+def test_springs_of_a_wall_that_goes_are_counted():
+    """½ f²/k_t of each vertex that stuck to it: no spring slid, and nothing else was lost."""
+    wall = Wall(0.0, 1.0, -0.95, slide=-0.01)
+    s = system(ring(8, thickness=0.2), walls=[wall], stiffness=0.5, tangential=0.7, friction=5.0)
+    s.hold(np.arange(8))
+    s.begin()
+    s.advance(20)
+    force = s.springs.wall[0].copy()
+    stored = s.budget().tangential
+    assert (force != 0.0).sum() == 2
+    s.walls.slide[0], s.walls.velocity[0] = 0.0, -1.0
+    s.advance(20)
+    b = s.budget()
+    assert not s.springs.wall.any()
+    assert b.tangential == b.sliding == 0.0
+    assert b.separation == pytest.approx((force**2).sum() / (2 * 0.7), rel=1e-12)
+    assert b.separation == pytest.approx(stored, rel=1e-12)
 
 
 def test_a_moving_wall_does_the_work_it_says():

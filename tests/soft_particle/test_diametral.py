@@ -209,7 +209,7 @@ def test_plates_that_are_too_soft_stop_the_run(tmp_path):
     ("text", "message"),
     [
         ("packing: {vertices: 4}", "must be at least 8"),
-        ("packing: {vertices: 10}", "multiple of 4"),
+        ("packing: {vertices: 10}", "must be a multiple of 4: 8 or 12"),
         ("packing: {vertices: 400}", "more than three times as thick"),
         ("shear: {compression: 35}", "not percent"),
         ("integrator: {step: 1.0}", "must be at most 0.9"),

@@ -11,7 +11,7 @@ from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle import strips
 from shear_sim.models.soft_particle.bodies import Core
 from shear_sim.models.soft_particle.state import BROKEN, SLIDING
-from shear_sim.models.soft_particle.system import Wall
+from shear_sim.models.soft_particle.walls import Wall
 from shear_sim.streams import Streams
 
 SIDE, VERTICES = 5, 12

@@ -152,7 +152,10 @@ FLAGS = (
     Column("flagged", "", "has flags, or no result; counted in all the same"),
 )
 #: Flags that a model sets itself.
-MODEL_FLAGS = ("not_at_rest", "stopped_early", "deep_overlap", "forces_nonunique")
+MODEL_FLAGS = (
+    "not_at_rest", "stopped_early", "deep_overlap", "forces_nonunique", "energy_missing", "inertia",
+    "drag",
+)  # fmt: skip
 STEADY = (
     (Column("shear_stress", "Pa", "mean over the late half of the strain"), "steady.shear_stress"),
     (

@@ -42,8 +42,8 @@ Rough plates are vertices that stay at y = 0, and so their images at y = H: forc
 if they acted on that line, and τ is the shear force of a plate per length.
 
 **Motion.** m dv/dt = F, velocity Verlet; Eq. (SP.9) of ``motion`` is its energy balance. The step
-is a fraction of 2/ω, with a bound ω on all frequencies, cores and contacts included, Eq. (SP.10) of
-``system``; the paper's √(m/k) forgets the core.
+is a fraction of 2/ω, with a bound ω on all frequencies, cores and contacts included, and is stable
+with its dashpots, Eq. (SP.10) of ``stability``; the paper's √(m/k) forgets the core.
 
 **Diametral compression.** A ring between two plates. F R²/EI and V/V₀ of an elastic ring follow the
 elastica, that is a ring with flat contacts bears at their two ends and nowhere in between: paper

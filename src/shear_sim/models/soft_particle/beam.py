@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.bodies import Core
 from shear_sim.models.soft_particle.driving import Bending
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 
 #: Of both supports: ω L² √(ρ_l/EI) of the slowest vibration, and F L³/EI δ under the force.
 SLOWEST = {"free end": 3.5160, "ends": math.pi**2}
@@ -57,9 +58,7 @@ class Beam(Scenario):
         self.frame = (-0.1 * length, -0.5 * length, 1.2 * length, length)
         slow = 0.5 * drag - math.sqrt(max(0.0, 0.25 * drag**2 - slowest**2))
         between = AT_REST / slow / rows
-        longest = point.integrator.step * self.system.stable_step
-        self.steps = math.ceil(between / longest * (1.0 - 1e-9))
-        self.system.rules = self.system.rules._replace(step=between / self.steps)
+        self.steps = self.system.divide(between, point.integrator.step)
         self.system.begin()
 
     def go_on(self) -> None:

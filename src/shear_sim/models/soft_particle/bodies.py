@@ -8,6 +8,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from shear_sim.models.soft_particle.checks import (
+    crosses_itself,
+    finite,
+    limits,
+    not_negative,
+    positive,
+    shaped,
+    tangled,
+)
 from shear_sim.models.soft_particle.kernels import ring_area
 from shear_sim.models.soft_particle.state import CORE_LAWS, Chains, Motion
 
@@ -35,6 +44,10 @@ class Shell:
     @classmethod
     def of_material(cls, young_modulus: float, thickness: float, poisson: float = 0.0) -> Self:
         """Return the elastic shell of a material, Eqs. (SP.1), (SP.2)."""
+        positive(young_modulus=young_modulus, thickness=thickness)
+        if not -1.0 < poisson < 1.0:
+            msg = f"poisson = {poisson:g} must be between -1 and 1"
+            raise ValueError(msg)
         plate = young_modulus * thickness / (1.0 - poisson**2)
         return cls(plate, plate * thickness**2 / 12.0)
 
@@ -101,71 +114,99 @@ def turning_angles(points: FloatArray, closed: bool) -> FloatArray:
     return np.asarray(angle)
 
 
-def _check(body: Body, number: int) -> None:
-    """Refuse what is no ring or chain."""
-    points = body.points
+def _check(body: Body) -> None:
+    """Refuse what is no ring or chain; the error names what is wrong with it, not which it is."""
+    points, shell, core = body.points, body.shell, body.core
     n = len(points)
-    where = f"particle {number}"
-    if body.closed and n < FEWEST:
-        msg = f"{where} is a ring of {n} vertices: at least {FEWEST} are needed"
-        raise BodyError(msg)
-    if n < 2:
-        msg = f"{where} is a chain of {n} vertices: at least 2 are needed"
-        raise BodyError(msg)
+    least = FEWEST if body.closed else 2
+    if n < least:
+        kind = "ring" if body.closed else "chain"
+        msg = f"a {kind} of {n} vertices: at least {least} are needed"
+        raise ValueError(msg)
+    shaped((n, 2), points=points)
+    finite(points=points)
+    positive(radius=body.radius, mass=body.mass)
+    not_negative(
+        stretch=shell.stretch, bend=shell.bend, stretch_damping=shell.stretch_damping,
+        bend_damping=shell.bend_damping, inner_damping=shell.inner_damping,
+    )  # fmt: skip
+    limits(stretch_yield=shell.stretch_yield, bend_yield=shell.bend_yield)
+    for name, check in (
+        ("rest_length", positive), ("rest_angle", finite), ("bend_weight", not_negative),
+    ):  # fmt: skip
+        given = getattr(body, name)
+        if given is not None:
+            shaped((n,), **{name: given})
+            check(**{name: given})
+    if body.velocity is not None:
+        shaped((n, 2), velocity=body.velocity)
+        finite(velocity=body.velocity)
+    check_core(core)
     ahead = np.roll(points, -1, axis=0) - points
     length = np.hypot(*ahead.T)[: n if body.closed else n - 1]
     if not length.min() > 0.0:
-        msg = f"{where}: vertices {int(length.argmin())} and the next one are at the same place"
-        raise BodyError(msg)
+        k = int(length.argmin())
+        msg = f"points {k} and {(k + 1) % n} are at the same place"
+        if k == n - 1:
+            msg += ": leave the last one out, a ring closes by itself"
+        raise ValueError(msg)
+    if crosses_itself(points, body.closed):
+        msg = "the chain crosses itself"
+        raise ValueError(msg)
     if not body.closed:
-        if body.core.law != "none":
-            msg = f"{where} is open and has a core: close it, or core law none"
-            raise BodyError(msg)
+        if core.law != "none":
+            msg = "it is open and has a core: closed = True, or core law none"
+            raise ValueError(msg)
         return
-    if _crosses(points):
-        msg = f"{where}: the ring crosses itself"
-        raise BodyError(msg)
     if ring_area(points[:, 0].copy(), points[:, 1].copy(), 0, n) <= 0.0:
-        msg = f"{where}: the vertices of a ring must be counter-clockwise"
-        raise BodyError(msg)
+        msg = "the points of a ring must be counter-clockwise"
+        raise ValueError(msg)
 
 
-def _crosses(points: FloatArray) -> bool:
-    """Whether any two segments of a ring that do not follow each other intersect."""
-    a, b = points, np.roll(points, -1, axis=0)
-    n = len(points)
+def check_core(core: Core) -> None:
+    """Refuse what is no core.
 
-    def side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
-        return np.asarray(
-            (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1])
-            - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
-        )
-
-    one, other = np.triu_indices(n, 2)
-    apart = (one != 0) | (other != n - 1)
-    one, other = one[apart], other[apart]
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    return bool(
-        np.any(
-            (side(a[one], b[one], a[other]) * side(a[one], b[one], b[other]) <= 0)
-            & (side(a[other], b[other], a[one]) * side(a[other], b[other], b[one]) <= 0)
-            # Of segments on one line, which are on no side of each other.
-            & (low[one] <= high[other]).all(axis=1)
-            & (low[other] <= high[one]).all(axis=1)
-        )
-    )
+    Raises
+    ------
+    ValueError
+        If its law is unknown, or its numbers mean nothing in it.
+    """
+    if core.law not in CORE_LAWS:
+        msg = f"core law {core.law!r} is none: known are {', '.join(CORE_LAWS)}"
+        raise ValueError(msg)
+    not_negative(core_stiffness=core.stiffness)
+    finite(core_pressure=core.pressure)
+    if core.law == "gas":
+        positive(core_pressure=core.pressure)
+    unused = {"none": core.stiffness or core.pressure, "drained": core.stiffness}
+    if unused.get(core.law):
+        what = "stiffness or pressure" if core.law == "none" else "stiffness"
+        msg = f"a core of law {core.law} has no {what}: another law, or 0"
+        raise ValueError(msg)
 
 
-def assemble(bodies: Sequence[Body]) -> tuple[Chains, Motion]:
-    """Return the arrays of bodies at the start, all vertices free.
+def assemble(
+    bodies: Sequence[Body], cell: tuple[float, float] | None = None
+) -> tuple[Chains, Motion]:
+    """Return the arrays of bodies at the start, in a periodic ``cell`` [m], all vertices free.
 
     Raises
     ------
     BodyError
-        If a ring is open, crosses itself, is clockwise or has too few vertices.
+        If one is no ring or chain, or two are in each other's way; says which and why.
     """
     for number, body in enumerate(bodies):
-        _check(body, number)
+        try:
+            _check(body)
+        except ValueError as error:
+            msg = f"particle {number}: {error}"
+            raise BodyError(msg) from None
+    if not bodies:
+        msg = "there are no particles: bodies is empty"
+        raise BodyError(msg)
+    in_the_way = tangled([(body.points, body.closed) for body in bodies], cell)
+    if in_the_way:
+        raise BodyError(in_the_way)
     counts = np.array([len(body.points) for body in bodies])
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     vertices = int(start[-1])

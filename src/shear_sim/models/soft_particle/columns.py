@@ -108,7 +108,7 @@ MEASURED = tuple(
         ("friction_loss_share", "1", "by friction / all losses, last period"),
         ("damping_loss_share", "1", "in dashpots / all losses, last period"),
         ("drag_loss_share", "1", "by drag / all losses, last period"),
-        ("inertia_ratio", "1", "kinetic / stored energy: largest for σ/σ* > 0.03; at peak_strain"),
+        ("kinetic_ratio", "1", "kinetic energy / work so far, at final_strain or peak_strain"),
         ("peak_stress_per_bending", "1", "largest tensile σ R²/k_b; σ/σ* is twice that"),
         ("peak_strain", "1", "ε there"),
         ("rupture_strain", "1", "ε after it where a fifth of the stress is left"),

@@ -5,12 +5,14 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.driving import Compaction
 from shear_sim.models.soft_particle.packs import scattered_discs, touching_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.scenario import Rest, Scenario
-from shear_sim.models.soft_particle.system import System, Wall, ledger
+from shear_sim.models.soft_particle.system import System
+from shear_sim.models.soft_particle.walls import Wall
 from shear_sim.streams import Streams
 
 UNIT = 0.5  # σ* = k_b/2R² (paper (37)) / (k_b/R²)
@@ -105,9 +107,7 @@ class Compactor(Scenario):
         if self.loaded:
             each = self.unit.period / shear.relative_rate / (self.one_way * PIECES)
             walls.mass[LID] = self.row
-        longest = self.point.integrator.step * system.stable_step
-        self.steps = math.ceil(each / longest * (1.0 - 1e-9))
-        system.rules = system.rules._replace(step=each / self.steps)
+        self.steps = system.divide(each, self.point.integrator.step)
         if not self.loaded:
             # All of the pack sets out at once: no front runs through it from the lid.
             system.motion.vy[:] = -self.speed * system.motion.y / top
@@ -196,9 +196,6 @@ class Compactor(Scenario):
         change = table["box_area"][0] - table["box_area"][1:]
         share = np.append(0.0, (table["solid_area"][0] - table["solid_area"][1:])
                           / np.where(change > 0.0, change, np.nan))  # fmt: skip
-        stored = np.zeros(len(stress))
-        for name in ("stretch", "bend", "core", "contact"):
-            stored += table[f"energy_{name}"]
         found = {
             "start_void_ratio": void[0],
             "final_strain": table["strain"][top],
@@ -208,11 +205,10 @@ class Compactor(Scenario):
             "final_circularity": table["circularity"][top],
             "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
             "drag_ratio": table["lost_by_drag"][top] / work,
+            "kinetic_ratio": table["energy_kinetic"][top] / work,
         }
         loading = np.arange(len(stress)) <= top
         set_ = loading & (stress > LOWEST)
-        if set_.any():
-            found["inertia_ratio"] = (table["energy_kinetic"][set_] / stored[set_]).max()
         if set_.sum() >= FEWEST:
             slope = np.polyfit(np.log10(stress[set_]), void[set_], 1)[0]
             found["compressibility_index"] = -slope

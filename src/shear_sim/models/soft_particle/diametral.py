@@ -5,13 +5,15 @@ import math
 import numpy as np
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.driving import DiametralCompression
 from shear_sim.models.soft_particle.kernels import core_pressure
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
 from shear_sim.models.soft_particle.state import HOLLOW
-from shear_sim.models.soft_particle.system import System, Wall, ledger
+from shear_sim.models.soft_particle.system import System
+from shear_sim.models.soft_particle.walls import Wall
 
 RAMP = 0.05  # part of a stroke in which the plates come to their speed, and to rest
 PIECES = 50  # of a record, in each of which the plates keep their speed
@@ -48,9 +50,7 @@ class Diametral(Scenario):
         stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)
         self.speed = shear.compression * self.half / (stroke * (1.0 - RAMP))
         piece = stroke * self.strokes / (rows * PIECES)
-        longest = point.integrator.step * self.system.stable_step
-        self.steps = math.ceil(piece / longest * (1.0 - 1e-9))  # of a piece
-        self.system.rules = self.system.rules._replace(step=piece / self.steps)
+        self.steps = self.system.divide(piece, point.integrator.step)
         self.pieces = rows * PIECES
         self.piece = 0
         self.system.begin()

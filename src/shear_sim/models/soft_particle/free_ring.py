@@ -1,18 +1,18 @@
 """A ring that touches nothing: under a pressure from outside, and in its slowest vibration."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.interface import Columns
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.bodies import Core
 from shear_sim.models.soft_particle.driving import OuterPressure, Vibration
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import ring_body, scales
 from shear_sim.models.soft_particle.scenario import Scenario
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 
 FloatArray = NDArray[np.float64]
 
@@ -43,12 +43,6 @@ class _FreeRing(Scenario):
         side = PICTURE * packing.radius
         self.frame = (-0.5 * side, -0.5 * side, side, side)
 
-    def _steps(self, between: float, longest: float) -> int:
-        """Set the step so that a whole number of it makes ``between`` [s]; return that number."""
-        steps = math.ceil(between / (longest * self.system.stable_step) * (1.0 - 1e-9))
-        self.system.rules = self.system.rules._replace(step=between / steps)
-        return steps
-
     def _ovality(self) -> float:
         """Return a/R of the part a cos 2φ of the distances of the vertices from the centre."""
         motion = self.system.motion
@@ -71,7 +65,7 @@ class Pressed(_FreeRing):
         self.scale = unit.bending / self.radius**3
         self.growth = shear.pressure / (rows * PIECES) * self.scale
         between = shear.pressure / shear.relative_rate * unit.period / (rows * PIECES)
-        self.steps = self._steps(between, point.integrator.step)
+        self.steps = self.system.divide(between, point.integrator.step)
         self.modulus = unit.shell_modulus + unit.core_modulus
         self.pressure = self.work = 0.0
         self.system.begin()
@@ -129,7 +123,7 @@ class Vibrating(_FreeRing):
         unit, motion = self.unit, self.system.motion
         rows = point.resolved().record.rows or 0
         self.rows, self.strokes = rows + 1, shear.periods
-        self.steps = self._steps(unit.period * shear.periods / rows, point.integrator.step)
+        self.steps = self.system.divide(unit.period * shear.periods / rows, point.integrator.step)
         # Without a change of length: u_r = a cos 2φ, u_φ = −(a/2) sin 2φ.
         speed = shear.amplitude * self.radius * unit.frequency
         outwards = speed * np.cos(2.0 * self.angle)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from shear_sim.cell import Floats, Ints
 from shear_sim.compiled import jit
+from shear_sim.models.soft_particle.checks import not_negative, positive
 from shear_sim.models.soft_particle.state import BROKEN, Chains, Links, Mail, Strips
 from shear_sim.models.soft_particle.strips import add
 
@@ -193,8 +194,15 @@ def glue(
     Raises
     ------
     ValueError
-        If no two chains are near, or two of ``between`` are not.
+        If no two chains are near, or two of ``between`` are not, or a number means nothing.
     """
+    positive(normal=normal, tangential=tangential)
+    not_negative(reach=reach, toughness=toughness, strength=strength)
+    if toughness == 0.0:
+        positive(strength=strength)
+    if not 1.0 <= exponent < np.inf:
+        msg = f"exponent = {exponent:g} must be finite and at least 1"
+        raise ValueError(msg)
     near = _near(chains, x, y, reach)
     if between is not None:
         near = {pair: near.get(pair, []) for pair in map(_ordered, between)}

@@ -16,6 +16,7 @@ from shear_sim.models.soft_particle.driving import (
     Tension,
     Vibration,
 )
+from shear_sim.models.soft_particle.stability import at_most, longest_share
 from shear_sim.protocol import Snapshots, check_snapshots
 from shear_sim.schema import PERCENT, Impossible, Positive, Section
 
@@ -91,7 +92,8 @@ class SoftParticlePacking(Section):
             ge=8,
             le=2000,
             multiple_of=4,
-            description="N of a ring, mass points; cells have segments as long; section 2.1",
+            description="N of a ring, mass points: a multiple of 4 has a segment at each of two "
+            "plates; cells have segments as long; section 2.1",
         ),
     ] = 100
     radius: Annotated[
@@ -451,4 +453,16 @@ class SoftParticlePoint(Point):
                 "thinner shell"
             )
             raise Impossible([(("model.thickness", "packing.vertices"), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _have_a_stable_step(self) -> Self:
+        step, longest = self.integrator.step, longest_share(self.model, self.packing.vertices)
+        if step > longest:
+            keys = ("integrator.step", "model.damping", "model.inner_damping", "model.drag")
+            message = (
+                f"steps of {step:g} of the longest one that is stable without dashpots are not "
+                f"stable with these: integrator.step = {at_most(longest)} at most, or less damping"
+            )
+            raise Impossible([(keys, message)])
         return self

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from shear_sim.models.interface import Columns, Snapshot
+from shear_sim.models.interface import Columns, SimulationError, Snapshot
 from shear_sim.models.soft_particle import snapshots
 from shear_sim.models.soft_particle.beam import Beam
 from shear_sim.models.soft_particle.columns import COLUMNS
@@ -28,10 +28,19 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticleRecord,
 )
 from shear_sim.models.soft_particle.scenario import Scenario
+from shear_sim.models.soft_particle.stability import at_most
 from shear_sim.models.soft_particle.suspension import Suspension
 from shear_sim.models.soft_particle.tension import Puller
 from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
+
+#: Flags of a run: what is measured of it, and what is too much. Runs that are to be slow have the
+#: last two: an inertial stress of 3 % of that of a box, and forces that are some percent too large.
+FLAGS = {
+    "energy_missing": ("energy_missing_ratio", 1e-4),
+    "inertia": ("kinetic_ratio", 0.02),
+    "drag": ("drag_ratio", 0.01),
+}
 
 
 class SoftParticleSimulation:
@@ -55,9 +64,21 @@ class SoftParticleSimulation:
             self.run = Vibrating(self.point, shear)
         else:
             self.run = Diametral(self.point, shear)
+        self._refuse_unstable_steps()
         self.done = 0
         self._records: list[dict[str, float]] = []
         self.snapshots: list[Snapshot] = []
+
+    def _refuse_unstable_steps(self) -> None:
+        """Look at the particles as they are: a study is checked by its mean ring, see there."""
+        system, share = self.run.system, self.point.integrator.step
+        longest = system.longest_step() / system.stable_step
+        if share > longest:
+            msg = (
+                f"integrator.step = {share:g} is not stable with the dashpots of these particles: "
+                f"at most {at_most(longest)}, or less damping, inner_damping or drag"
+            )
+            raise SimulationError(msg)
 
     @property
     def threads(self) -> int:
@@ -120,6 +141,7 @@ class SoftParticleSimulation:
         if np.isfinite(system.work.closest).any():
             checks["closest_approach"] = float(system.work.closest.min())
         checks |= self.run.checks(self.columns())
+        measured = self.run.measured(self.columns()) if self.done == self.rows else None
         return {
             "derived": {
                 "segment_length": unit.segment,
@@ -136,9 +158,13 @@ class SoftParticleSimulation:
             "protocol": protocol,
             "preparation": self.run.preparation(),
             "status": "completed",
-            "measured": self.run.measured(self.columns()) if self.done == self.rows else None,
+            "measured": measured,
             "checks": checks,
-            "flags": {},
+            "flags": {
+                flag: not measured[name] <= limit
+                for flag, (name, limit) in FLAGS.items()
+                if measured is not None and name in measured
+            },
         }
 
 

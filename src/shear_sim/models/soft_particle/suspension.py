@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from shear_sim.models.interface import Columns, SimulationError
+from shear_sim.models.soft_particle.balance import ledger
 from shear_sim.models.soft_particle.driving import SoftParticleOscillatoryShear
 from shear_sim.models.soft_particle.packs import loose_discs
 from shear_sim.models.soft_particle.parameters import SoftParticlePoint
 from shear_sim.models.soft_particle.rings import disc_radius, rings_in_discs, scales, shapes
 from shear_sim.models.soft_particle.scenario import Rest, Scenario, more_drag
-from shear_sim.models.soft_particle.system import System, ledger
+from shear_sim.models.soft_particle.system import System
 from shear_sim.streams import Streams
 
 LOOSE = 0.7  # packing fraction of the discs that rings start from
@@ -84,9 +85,7 @@ class Suspension(Scenario):
         if self.point.cell.boundary == "plates":
             self.glued = self._glue()
         between = self.period * shear.periods / rows
-        longest = self.point.integrator.step * system.stable_step
-        self.steps = math.ceil(between / longest * (1.0 - 1e-9))
-        system.rules = system.rules._replace(step=between / self.steps)
+        self.steps = system.divide(between, self.point.integrator.step)
         self.first = system.steps
         system.shear(shear.strain_amplitude, 1.0 / self.period)
         width, height = map(float, system.cell.size)

@@ -1,14 +1,17 @@
 """A system of soft particles that is asked to go on: what is between the kernels and a scenario."""
 
+import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.interface import SimulationError
+from shear_sim.models.soft_particle.balance import Budget
 from shear_sim.models.soft_particle.bodies import Body, assemble
+from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
 from shear_sim.models.soft_particle.guards import misshapen
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
@@ -16,6 +19,13 @@ from shear_sim.models.soft_particle.links import glue, link_energy, no_links
 from shear_sim.models.soft_particle.motion import march
 from shear_sim.models.soft_particle.pairs import near_segments
 from shear_sim.models.soft_particle.rigid import freeze_shapes
+from shear_sim.models.soft_particle.stability import (
+    LARGEST,
+    at_most,
+    damped_share,
+    damping_rate,
+    squared_frequency,
+)
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
     BROKEN,
@@ -41,6 +51,7 @@ from shear_sim.models.soft_particle.state import (
 )
 from shear_sim.models.soft_particle.state import cell as no_cell
 from shear_sim.models.soft_particle.strips import divide, in_threads, mail, sort_links
+from shear_sim.models.soft_particle.walls import Wall, check_walls
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -52,76 +63,14 @@ SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
 NEAREST = 0.25
 SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
 SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less
-CONTACTS = 4.0  # chains that one vertex can be thought to touch at once
-
-
-class Wall(NamedTuple):
-    """A rigid half-plane n·x < position, n = (nx, ny) towards the particles."""
-
-    nx: float
-    ny: float
-    position: float  # [m]
-    velocity: float = 0.0  # along n [m/s]
-    slide: float = 0.0  # along (−n_y, n_x) [m/s]
-    mass: float = 0.0  # [kg/m] of a wall that moves by itself under ``load``; 0: it does not
-    load: float = 0.0  # [N/m] towards the particles
-    damping: float = 0.0  # [N s/m²]
-
-
-class Budget(NamedTuple):
-    """Energies now, and work and losses since the start [J/m]; ``missing`` is what they leave."""
-
-    kinetic: float
-    stretch: float
-    bend: float
-    core: float
-    normal: float
-    tangential: float
-    links: float
-    by_walls: float
-    by_forces: float
-    by_velocities: float
-    by_shear: float
-    stretch_yield: float
-    bend_yield: float
-    sliding: float
-    separation: float
-    damping: float
-    drag: float
-    broken: float
-    missing: float
-
-
-def ledger(budget: Budget) -> dict[str, float]:
-    """Return the energy columns of a record."""
-    return {
-        "energy_stretch": budget.stretch,
-        "energy_bend": budget.bend,
-        "energy_core": budget.core,
-        "energy_contact": budget.normal + budget.tangential,
-        "energy_kinetic": budget.kinetic,
-        "work": budget.by_walls + budget.by_shear,
-        "lost_by_yield": budget.stretch_yield + budget.bend_yield,
-        "lost_by_friction": budget.sliding + budget.separation,
-        "lost_by_damping": budget.damping,
-        "lost_by_drag": budget.drag,
-        "energy_missing": budget.missing,
-    }
 
 
 def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
-    """Return a bound ω [1/s] on all frequencies: bars, hinges, cores and contacts (SP.10).
-
-    ω² m = 4 k_s + 16 k_b/ℓ² + (K_Ω/A₀) Σ|∂A/∂x_k|² + |p₀| + 2·4 k_n, each the largest of a chain;
-    the sum of the squares is 4π/N A₀ for a ring of N equal segments.
-    """
+    """Return a bound ω [1/s] on all frequencies, the largest of all chains, see ``stability``."""
     highest = 0.0
     for p in range(len(chains.closed)):
         part = slice(chains.start[p], chains.start[p + 1])
-        least = float(chains.rest_length[part].min())
-        total = 4.0 * float(chains.stretch_stiffness[part].max())
-        total += 16.0 * float(chains.bend_stiffness[part].max()) / least**2
-        total += 2.0 * CONTACTS * stiffness
+        core = 0.0
         if chains.core_law[p] != HOLLOW:
             px, py = x[part], y[part]
             slope = 0.25 * (
@@ -134,24 +83,28 @@ def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: f
                 modulus = 0.0
             else:
                 modulus = float(chains.core_stiffness[p])
-            total += modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
-        highest = max(highest, total / float(chains.mass[part].min()))
+            core = modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
+        squared = squared_frequency(
+            float(chains.stretch_stiffness[part].max()), float(chains.bend_stiffness[part].max()),
+            float(chains.rest_length[part].min()), stiffness, core, float(chains.mass[part].min()),
+        )  # fmt: skip
+        highest = max(highest, squared)
     return math.sqrt(highest)
 
 
-def highest_damping(chains: Chains, drag: float) -> float:
-    """Return a bound Γ [1/s] on the rates at which dashpots inside chains and drag end motions.
+def highest_damping(chains: Chains, drag: float, contact: float) -> float:
+    """Return a bound Γ [1/s] on the rates of all dashpots, the largest of all chains.
 
-    Γ m = 4 c_s + 16 c_b/ℓ² + inner damping + drag, as in ``highest_frequency``.
+    ``contact``: k_n β h of the deepest contact [N s/m²].
     """
-    highest = 0.0
-    for p in range(len(chains.closed)):
-        part = slice(chains.start[p], chains.start[p + 1])
-        least = float(chains.rest_length[part].min())
-        total = 4.0 * float(chains.stretch_damping[p]) + drag + float(chains.inner_damping[p])
-        total += 16.0 * float(chains.bend_damping[p]) / least**2
-        highest = max(highest, total / float(chains.mass[part].min()))
-    return highest
+    return max(
+        damping_rate(
+            float(chains.stretch_damping[p]), float(chains.bend_damping[p]),
+            float(chains.rest_length[first:end].min()), contact,
+            drag + float(chains.inner_damping[p]), float(chains.mass[first:end].min()),
+        )
+        for p, (first, end) in enumerate(itertools.pairwise(chains.start))
+    )  # fmt: skip
 
 
 class System:
@@ -179,9 +132,9 @@ class System:
     Raises
     ------
     BodyError
-        If a body is none.
+        If a body is none, or where another one is.
     ValueError
-        If the step is not stable.
+        If a number or a wall means nothing, a body is behind one, or the step is not stable.
     """
 
     def __init__(
@@ -197,16 +150,20 @@ class System:
         step: float | None = None,
         cell: tuple[float, float] | None = None,
     ) -> None:
-        self.chains, self.motion = assemble(bodies)
+        positive(stiffness=stiffness)
+        if tangential is not None:
+            positive(tangential=tangential)
+        not_negative(friction=friction, contact_damping=contact_damping, drag=drag)
+        if cell is not None:
+            positive(cell=cell)
+        self.chains, self.motion = assemble(bodies, cell)
+        if walls and cell is not None:
+            msg = "a cell has no walls: leave one of both out, or hold vertices instead"
+            raise ValueError(msg)
+        check_walls(walls, self.chains.chain, self.motion.x, self.motion.y)
         self.stable_step = 2.0 / highest_frequency(
             self.chains, self.motion.x, self.motion.y, stiffness
         )
-        if step is not None and not 0.0 < step <= 0.9 * self.stable_step:
-            msg = (
-                f"time_step = {step:g} s is over 0.9 of the longest stable one "
-                f"({self.stable_step:.3g} s): at most {0.4 * self.stable_step:.2g}"
-            )
-            raise ValueError(msg)
         vertices = len(self.motion.x)
         thin = float(self.chains.radius.min())
         mass = float(self.chains.mass.min())
@@ -216,8 +173,12 @@ class System:
             friction,
             contact_damping * math.sqrt(mass / stiffness) / thin,
             drag,
-            FRACTION * self.stable_step if step is None else step,
+            0.0,
         )
+        if step is None:
+            step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
+        self._check_step(step, self.stable_step)
+        self.rules = self.rules._replace(step=step)
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         self.springs = springs(vertices, len(table))
@@ -319,10 +280,15 @@ class System:
         Raises
         ------
         ValueError
-            If there are walls, links or rigid particles, which know no images.
+            If there is no cell, or links or rigid particles, which know no images.
         """
-        if len(self.walls.nx) or len(self.links.vertex) or len(self.rigid.chain):
-            msg = "a sheared cell has no walls, links or rigid particles: hold vertices instead"
+        finite(amplitude=amplitude)
+        positive(frequency=frequency)
+        if not self.cell.size.all():
+            msg = "there is no cell to be sheared: cell = (width, height)"
+            raise ValueError(msg)
+        if len(self.links.vertex) or len(self.rigid.chain):
+            msg = "a sheared cell has no links or rigid particles: hold vertices instead"
             raise ValueError(msg)
         self.cell.wave[:] = amplitude, 2.0 * math.pi * frequency
         self.cell.steps[0] = 0
@@ -353,6 +319,7 @@ class System:
         factor : float
             All distances of their centres are multiplied by this.
         """
+        positive(factor=factor)
         chains, motion = self.chains, self.motion
         count = np.diff(chains.start)
         for place in (motion.x, motion.y):
@@ -368,6 +335,9 @@ class System:
         Call ``begin`` afterwards, if an energy balance is wanted.
         """
         motion = self.motion
+        places(len(motion.x), vertices=vertices)
+        imposed = {"vx": vx, "vy": vy}
+        finite(**{name: value for name, value in imposed.items() if value is not None})
         for free, speeds, value in ((motion.free_x, motion.vx, vx), (motion.free_y, motion.vy, vy)):
             free[vertices] = 0.0 if value is not None else 1.0
             if value is not None:
@@ -380,6 +350,7 @@ class System:
 
     def make_rigid(self, particles: IndexArray) -> None:
         """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
+        places(len(self.chains.closed), particles=particles)
         self.rigid = freeze_shapes(self.chains, self.motion, particles.astype(np.int32))
 
     def glue(self, reach: float, **law: Any) -> None:
@@ -391,40 +362,87 @@ class System:
             If none are, or two that are to be linked are not, or the step is too long with links.
         """
         links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
-        self.links, self.strips = sort_links(links, self.strips)
-        self.mail = mail(self.lists, self.strips)
         highest = (2.0 / self.stable_step) ** 2
         # Two links at a vertex or segment, with at most 2 k each.
-        highest += 4.0 * float(self.links.law[:2].max()) / float(self.chains.mass.min())
-        longest = 2.0 / math.sqrt(highest)
-        if self.rules.step > 0.9 * longest:
-            msg = f"time_step = {self.rules.step:g} s is too long with links: at most {longest:.3g}"
-            raise ValueError(msg)
-        self.stable_step = longest
+        highest += 4.0 * float(links.law[:2].max()) / float(self.chains.mass.min())
+        stable_step = 2.0 / math.sqrt(highest)
+        self._check_step(self.rules.step, stable_step)
+        self.stable_step = stable_step
+        self.links, self.strips = sort_links(links, self.strips)
+        self.mail = mail(self.lists, self.strips)
 
     def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
         """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
+        places(len(self.motion.x), vertices=vertices)
+        finite(fx=fx, fy=fy)
         self.motion.gx[vertices] += fx
         self.motion.gy[vertices] += fy
 
     def press(self, p: int, pressure: float) -> None:
-        """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on."""
+        """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on.
+
+        Raises
+        ------
+        ValueError
+            If it has no core: that of one without stiffness is ``Core("drained")``.
+        """
+        self._closed(p)
+        (positive if self.chains.core_law[p] == GAS else finite)(pressure=pressure)
+        if self.chains.core_law[p] == HOLLOW:
+            msg = f"particle {p} has no core to be pressed: Core('drained'), say"
+            raise ValueError(msg)
         self.chains.core_pressure[p] = pressure
         self._forces(self.rules._replace(step=0.0))
 
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""
+        self._closed(p)
         first, end = self.chains.start[p : p + 2]
         return float(ring_area(self.motion.x, self.motion.y, first, end))
 
-    def damped_step(self) -> float:
-        """Return a step h [s] that is stable with the dashpots of chains too, whatever moves.
+    def _closed(self, p: int) -> None:
+        places(len(self.chains.closed), p=p)
+        if self.chains.closed[p] == 0:
+            msg = f"particle {p} is open: only a ring has an inside"
+            raise ValueError(msg)
 
-        They see velocities predicted half a step ahead, which asks for (h ω)²/4 + h Γ ≤ 1.
+    def damped_step(self, deepest: float = 0.0) -> float:
+        """Return a step [s] that is stable with the dashpots too, whatever moves, Eq. (SP.10).
+
+        ``deepest``: of all contacts [m], as their dashpots grow with their overlaps.
         """
-        omega = 2.0 / self.stable_step
-        share = highest_damping(self.chains, self.rules.drag) / omega
-        return self.stable_step * (math.sqrt(1.0 + share * share) - share)
+        return self.stable_step * self._damped_share(self.stable_step, deepest)
+
+    def _damped_share(self, stable_step: float, deepest: float = 0.0) -> float:
+        contact = self.rules.stiffness * self.rules.dashpot * deepest
+        rate = highest_damping(self.chains, self.rules.drag, contact)
+        return damped_share((2.0 / stable_step) ** 2, rate)
+
+    def longest_step(self, stable_step: float | None = None) -> float:
+        """Return the longest step [s] that is accepted: contacts do not touch yet.
+
+        ``stable_step``: without dashpots, by default that of now.
+        """
+        stable = self.stable_step if stable_step is None else stable_step
+        return stable * min(LARGEST, self._damped_share(stable))
+
+    def _check_step(self, step: float, stable_step: float) -> None:
+        longest = self.longest_step(stable_step)
+        if not 0.0 < step <= longest:
+            msg = (
+                f"step = {step:g} s is none, or not stable with these springs and dashpots: at "
+                f"most {at_most(longest)}"
+            )
+            raise ValueError(msg)
+
+    def divide(self, time: float, share: float) -> int:
+        """Let a whole number of steps, which is returned, make ``time`` [s].
+
+        ``share``: of the longest one that is stable without dashpots, at most.
+        """
+        steps = math.ceil(time / (share * self.stable_step) * (1.0 - 1e-9))
+        self.rules = self.rules._replace(step=time / steps)
+        return steps
 
     def _guard(self, status: int) -> None:
         """Stop if the state means nothing any more."""
@@ -447,7 +465,7 @@ class System:
             which = 0 if self.work.closest[0] < 0.5 * DEEPEST else 1
             problem = (
                 f"{self._vertex(int(self.work.near[which]))} went through a segment or a wall: a "
-                f"larger model.contact_stiffness, {SHORTER}"
+                f"larger model.contact_stiffness, {SHORTER}{self._damped()}"
             )
         else:
             problem = misshapen(self.chains, m.x, m.y)
@@ -457,12 +475,13 @@ class System:
 
     def _damped(self) -> str:
         """Return what to do where dashpots may be what makes the step unstable."""
-        share = self.damped_step() / self.stable_step
-        if self.rules.step <= share * self.stable_step:
+        deepest = max(0.0, 1.0 - float(self.work.closest.min())) * 2.0 * self.chains.radius.max()
+        stable = self.damped_step(deepest)
+        if self.rules.step <= stable:
             return ""
         return (
-            f"; with these dashpots a step is surely stable up to integrator.step = {share:.2g}: "
-            "that, or less model.damping"
+            "; with these dashpots a step is surely stable up to integrator.step = "
+            f"{at_most(stable / self.stable_step)}: that, or less damping or contact_damping"
         )
 
     def _vertex(self, k: int) -> str:

@@ -1,0 +1,56 @@
+"""Flags: runs that are too fast, or whose steps are too long, say so."""
+
+import numpy as np
+import pytest
+from soft_particles import finished, points
+
+from shear_sim.models.soft_particle.simulation import FLAGS
+
+SLOW = {"energy_missing": False, "inertia": False, "drag": False}
+
+
+@pytest.mark.parametrize("flag", FLAGS)
+def test_a_flag_is_up_beyond_its_limit(flag):
+    """And where the number means nothing; what a run does not measure has no flag."""
+    shear = {"kind": "vibration", "periods": 2}
+    simulation = finished(points(packing={"vertices": 12}, model={}, shear=shear)())
+    name, limit = FLAGS[flag]
+    for value, up in ((0.99 * limit, False), (1.01 * limit, True), (np.nan, True)):
+        simulation.run.measured = lambda _, value=value: {name: value, "final_strain": 9.0}
+        assert simulation.summary()["flags"] == {flag: up}
+    simulation.done -= 1  # not at its end yet
+    assert simulation.summary()["flags"] == {}
+
+
+PLATES = points(
+    packing={"vertices": 40}, model={"yield_moment": 0.02},
+    shear={"kind": "diametral_compression", "compression": 0.3, "unload": False},
+    integrator={"step": 0.4},
+)  # fmt: skip
+BOX = points(
+    packing={"particles": 9, "vertices": 24, "spread": 0.1},
+    model={"thickness": 0.1, "contact_stiffness": 33, "inner_damping": 1.0, "drag": 0},
+    shear={"kind": "compaction", "strain": 0.2, "unload": False, "relative_rate": 0.002},
+    integrator={"step": 0.4}, record={"rows": 40},
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "up"),
+    [
+        (PLATES(shear={"relative_rate": 0.001}), []),
+        (PLATES(shear={"relative_rate": 0.05}), ["drag"]),
+        (BOX(), []),
+        (BOX(shear={"relative_rate": 0.05}), ["inertia"]),
+        (BOX(model={"drag": 0.1}), ["drag"]),
+        (
+            BOX(model={"contact_stiffness": 1000, "damping": 0.0}, integrator={"step": 0.89}),
+            ["energy_missing"],
+        ),
+    ],
+)
+def test_flags_of_runs(given, up):
+    """A ring and a box that are pressed slowly have none, and each fault its own."""
+    flags = finished(given).summary()["flags"]
+    assert flags == {name: name in up for name in SLOW if name in flags}
+    assert set(flags) == ({"energy_missing", "drag"} if given.packing.particles == 1 else set(SLOW))

@@ -48,6 +48,7 @@ from shear_sim.models.microgel.motion import (
 from shear_sim.models.microgel.rows import (
     AWAY,
     BEFORE,
+    CACHED_ROWS,
     CLOSEST,
     CLOSING,
     CX,
@@ -104,7 +105,6 @@ from shear_sim.models.microgel.state import (
     Springs,
     Work,
 )
-from shear_sim.prefetch import prefetch
 from shear_sim.threads import Meeting, add_up, bits, largest_of, meet, number
 
 # What the kernels are compiled for. A copy of this module (compiled.variant) has another law, or
@@ -113,8 +113,6 @@ law: Law = divergent
 TANGENTIAL = True
 TALLY = False  # whether the energy balance is kept too
 RESET = False  # whether a slip empties the spring, as in the historical program
-
-CACHED_ROWS = 50  # so many rows of Pairs.table lie in the cache anyway: half a megabyte
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -137,19 +135,6 @@ def stored_energy(d: float, D: float, k: float, p: LawParameters) -> float:
                 total -= WEIGHTS[n] * half * law(r, D, k, p)
             upper = between
     return total
-
-
-@jit(inner=True)
-def fetch(table: Floats, row: int, part: int) -> None:
-    """Have part 0, 1, 2 or 3 of a row of ``Pairs.table`` brought near, if there is such a row.
-
-    Where pairs do not fit in the cache to wait for them takes as long as to work them out; all of
-    a row at once would be more than the processor can have on its way.
-    """
-    if row < table.shape[0] > CACHED_ROWS:
-        quarter = PAIR_ROWS * LANES // 4
-        for n in range(part * quarter, (part + 1) * quarter, 8):  # lines of 64 bytes
-            prefetch(table[row], n)
 
 
 @jit(_nrt=False)
@@ -413,14 +398,14 @@ def contact_forces(
                 m = int(min(LANES, end - first))
                 row = first // LANES
                 table = pairs.table[row]
-                fetch(pairs.table, row + 1, 0)
-                gather(work.disc_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL, record)
-                fetch(pairs.table, row + 1, 1)
+                fetching = row + 1 < pairs.table.shape[0] > CACHED_ROWS
+                ahead = pairs.table[row + 1 if fetching else row][: PAIR_ROWS * LANES * fetching]
+                gather(
+                    work.disc_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL, record, ahead
+                )  # fmt: skip
                 pair_forces(block, table, m, springs, c, offset, rate, h)
-                fetch(pairs.table, row + 1, 2)
                 # What falls on discs of another thread is never read.
-                scatter(work.force_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL)
-                fetch(pairs.table, row + 1, 3)
+                scatter(work.force_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL, ahead)
                 if record and work.lower <= strip < work.upper:
                     stress_of(block, table, m, elsewhere, work.pair_sums[strip])
                 if TALLY:

@@ -12,7 +12,8 @@ import numpy as np
 
 from shear_sim.cell import Floats
 from shear_sim.compiled import jit
-from shear_sim.models.microgel.state import BLOCK_ROWS, LANES, Discs, Unsigned, Work
+from shear_sim.models.microgel.state import BLOCK_ROWS, LANES, PAIR_ROWS, Discs, Unsigned, Work
+from shear_sim.prefetch import prefetch
 from shear_sim.quads import (
     add,
     load,
@@ -34,6 +35,25 @@ from shear_sim.quads import (
 
 ONE, TWO, THREE, FOUR = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 FIVE, SIX, SEVEN, EIGHT = np.uint64(5), np.uint64(6), np.uint64(7), np.uint64(8)
+
+
+#: So many rows of Pairs.table lie in the cache anyway: half a megabyte.
+CACHED_ROWS = 50
+#: Lines of the next one that are asked for with each octet of pairs, in `gather` and in `scatter`:
+#: all of them at once would be more than a processor can have on its way, and it would wait.
+LINES = PAIR_ROWS // 2
+
+
+@jit(inner=True)
+def fetch(ahead: Floats, half: int, octet: int) -> None:
+    """Have some lines of a row brought near, with an octet of pairs of either half of the work.
+
+    Where pairs do not fit in the cache to wait for them takes as long as to work them out.
+    """
+    if ahead.shape[0] > 0:
+        first = half * (ahead.shape[0] // 2) + octet * LINES
+        for n in range(LINES):
+            prefetch(ahead, first + 8 * n)
 
 
 @jit(inner=True)
@@ -75,12 +95,12 @@ def between(rows: Floats, i: Unsigned, j: Unsigned, q: np.uint64) -> Any:
 @jit(_nrt=False)
 def gather(
     rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, turning: bool,
-    record: bool,
+    record: bool, ahead: Floats,
 ) -> None:  # fmt: skip
     """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``.
 
     ``rows``: what `write_rows` wrote. What rims do matters to ``turning`` discs only, and places in
-    the cell to a ``record``.
+    the cell to a ``record``. ``ahead``: what to `fetch` meanwhile.
     """
     at = np.uint64(first)
     whole = m - m % 8
@@ -96,6 +116,7 @@ def gather(
         store(block, DY + s, dy)
         store(block, CX + s, cx)
         store(block, CY + s, cy)
+        fetch(ahead, 0, s)
         if turning:
             store(block, RIMS + s, rims)
             store(block, ROLLED + s, rolled)
@@ -126,8 +147,9 @@ def push(rows: Floats, i: int, j: int, force: Any) -> None:
 
 @jit(inner=True)
 def scatter(
-    rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, turning: bool
-) -> None:
+    rows: Floats, i: Unsigned, j: Unsigned, first: int, m: int, block: Floats, turning: bool,
+    ahead: Floats,
+) -> None:  # fmt: skip
     """Add the forces of a block to the rows of its discs: force, and torque by radius."""
     at = np.uint64(first)
     whole = m - m % 4
@@ -136,6 +158,8 @@ def scatter(
         q = at + np.uint64(s)
         twist = load(block, TWIST + s) if turning else none
         f, g, h, k = transpose(load(block, FX + s), load(block, FY + s), twist, none)
+        if s % 8 == 0:
+            fetch(ahead, 1, s)
         push(rows, i[q], j[q], f)
         push(rows, i[q + ONE], j[q + ONE], g)
         push(rows, i[q + TWO], j[q + TWO], h)

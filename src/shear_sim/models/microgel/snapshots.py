@@ -100,7 +100,8 @@ def _forces(
     for first, m in blocks:
         table = pairs.table[first // LANES].copy()
         rows.gather(
-            work.disc_rows, pairs.i, pairs.j, first, m, block, kernels.TANGENTIAL, False
+            work.disc_rows, pairs.i, pairs.j, first, m, block, kernels.TANGENTIAL, False,
+            np.empty(0),
         )  # fmt: skip
         # A step of no length moves no spring.
         kernels.pair_forces(block, table, m, springs, constants, offset, rate, 0.0)

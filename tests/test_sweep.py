@@ -481,6 +481,9 @@ def test_jobs_of_few_threads_run_beside_those_of_many(tmp_path, monkeypatch):
     assert "threads: 8, as far as jobs have use for it: 12 job(s) use 8, 12 job(s) use 2" in str(
         plan
     )
+    assert "there are 12 core(s)" not in str(plan)
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "4")
+    assert "there are 4 core(s) here: threads that share one wait" in str(plan)
     small_first = sorted(plan.run, key=lambda job: job.threads)
     done = scheduled(replace(plan, run=small_first), {8: 10.0, 2: 9.0, 1: 8.0}, monkeypatch)
     assert max(cores for *_, cores in done.begun) == 12

@@ -39,7 +39,7 @@ def draw(table: pd.DataFrame, machine: limit.Machine, stem: Path) -> None:
             panel.plot(grid, least[:, 0], color="k", label="least: instructions")
             panel.plot(grid, least[:, 1], color="k", linestyle="--", label="one after the other")
             panel.plot(grid, least[:, 2], color="k", linestyle=":", label="least: memory")
-            panel.set(xscale="log", yscale="log", xlabel="discs $N$", ylim=(3, None))
+            panel.set(xscale="log", yscale="log", xlabel="discs $N$", ylim=(1, None))
             panel.set_title(f"packing fraction {fraction:g}")
             panel.set_yticks([3, 10, 30, 100, 300, 1000], ["3", "10", "30", "100", "300", "1000"])
             panel.minorticks_off()

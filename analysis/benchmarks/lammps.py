@@ -28,7 +28,7 @@ SCRIPT = """
 units lj
 dimension 2
 atom_style sphere
-newton off
+newton on
 comm_modify mode single vel yes
 boundary p p p
 read_data discs.data
@@ -41,11 +41,12 @@ fix deform all deform 1 xy wiggle ${{amplitude}} {period!r} remap v flip yes
 fix motion all nve/sphere disc
 fix plane all enforce2d
 timestep {step!r}
-compute p all pressure NULL virial
-fix p all ave/time 1 1 1 c_p[1] c_p[2] c_p[4] file stress.out
+{output}
 thermo 1000000
 run {steps}
 """
+OUTPUT = """compute p all pressure NULL virial
+fix p all ave/time 1 1 1 c_p[1] c_p[2] c_p[4] file stress.out"""
 
 
 def program() -> str:
@@ -89,8 +90,10 @@ def write(folder: Path, simulation: MicrogelSimulation) -> None:
     (folder / "discs.data").write_text("\n".join(lines) + "\n")
 
 
-def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) -> float:
-    """Run ``steps`` steps from ``discs.data``, the stress written at every one.
+def run(
+    folder: Path, simulation: MicrogelSimulation, style: str, steps: int, *, written: bool = True
+) -> float:
+    """Run ``steps`` steps from ``discs.data``; the stress is ``written`` at every one, as text.
 
     Returns the CPU time of the process [s].
     """
@@ -109,6 +112,7 @@ def run(folder: Path, simulation: MicrogelSimulation, style: str, steps: int) ->
     script = SCRIPT.format(
         pair_style=pair_style, pair_coeff=pair_coeff, amplitude=clock.amplitude,
         period=clock.per_period * clock.step / unit, step=clock.step / unit, steps=steps,
+        output=OUTPUT if written else "",
     )  # fmt: skip
     (folder / "in.lmp").write_text(script)
     quiet = [program(), "-in", "in.lmp", "-screen", "none"]

@@ -149,6 +149,11 @@ class Plan:
         if several and (uses := Counter(job.threads for job in self.run)):
             each = ", ".join(f"{uses[n]} job(s) use {n}" for n in sorted(uses, reverse=True))
             lines.append(f"  threads: {self.study.threads}, as far as jobs have use for it: {each}")
+            if max(uses) > (here := default_cores()):
+                lines.append(
+                    f"  there are {here} core(s) here: threads that share one wait for each other, "
+                    f"and take longer than one; threads: {here}, or a task of more cores (submit)"
+                )
         if self.run and estimate["cpu_s"] is not None:
             lines.append(
                 f"  to run: about {duration(estimate['cpu_s'])} of CPU, "

@@ -50,7 +50,7 @@ class Diametral(Scenario):
         stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)
         self.speed = shear.compression * self.half / (stroke * (1.0 - RAMP))
         piece = stroke * self.strokes / (rows * PIECES)
-        self.steps = self.system.divide(piece, point.integrator.step)
+        self.steps = self.divide(piece, point.integrator.step)
         self.pieces = rows * PIECES
         self.piece = 0
         self.system.begin()

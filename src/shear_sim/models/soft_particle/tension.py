@@ -91,7 +91,7 @@ class Puller(Scenario):
         way = self.start * math.expm1(shear.strain)
         self.speed = shear.relative_rate * self.start / self.unit.period
         each = way / self.speed / rows
-        self.steps = self.system.divide(each, point.integrator.step)
+        self.steps = self.divide(each, point.integrator.step)
         self.frame = (0.0, 0.0, self.width, made.height + way)
         # All of it sets out at once: no front runs through the tissue.
         motion.vy[:] = self.speed * (motion.y - self.low) / self.start

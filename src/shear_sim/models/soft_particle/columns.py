@@ -77,10 +77,11 @@ DERIVED = (
 MEASURED = tuple(
     (Column(name, unit, text), f"measured.{name}")
     for name, unit, text in (
-        ("final_force", "N/m", "force of a plate at the largest compression"),
-        ("final_scaled_force", "1", "F R²/(E I) at the largest compression"),
-        ("final_area_ratio", "1", "V/V₀ at the largest compression"),
-        ("final_contact_ratio", "1", "L_c/b₀ at the largest compression"),
+        ("final_compression", "1", "ε of loading, before the plates brake"),
+        ("final_force", "N/m", "force of a plate at final_compression"),
+        ("final_scaled_force", "1", "F R²/(E I) there"),
+        ("final_area_ratio", "1", "V/V₀ there"),
+        ("final_contact_ratio", "1", "L_c/b₀ there"),
         ("contact_onset", "1", "ε of zero contact length, of a line through load_ratio (no core)"),
         ("contact_slope", "1", "slope of that line"),
         ("residual_compression", "1", "1 − height of the free ring / b₀, after unloading"),

@@ -364,6 +364,17 @@ def ends(snapshots, **look):
     return drawn.colours._scale, axis._colorbar.extend
 
 
+@pytest.mark.parametrize(
+    ("energy", "expected"),
+    [(6.6e-9, (0.0, 6.6e-9)), (-2.0, (-2.0, 0.0)), (0.0, (0.0, 1.0))],
+)
+def test_a_scale_of_equal_values_is_from_zero_to_them(energy, expected):
+    s = many(80)
+    film = [s._replace(energy=np.full(80, energy * factor)) for factor in (1.0, 1.0 + 1e-12)]
+    scale, _ = ends(film, colour="energy")
+    assert scale == pytest.approx(expected, rel=1e-9, abs=0.0)
+
+
 def test_an_impulsive_start_is_beyond_the_scale():
     """A first snapshot ten times as fast as all others; one that is twice as fast counts."""
     s = many(100)

@@ -242,8 +242,8 @@ def _wrong(entry: Any, info: FieldInfo | None) -> str:
         return one_of(entry["input"], tuple(str(value) for value in _literals(info.annotation)))
     if entry["type"] == "multiple_of":
         step = context["multiple_of"]
-        below = entry["input"] // step * step
-        return f"must be a multiple of {step:g}: {below:g} or {below + step:g}{_meaning(info)}"
+        near = _multiples(entry["input"], step, info)
+        return f"must be a multiple of {step:g}: {near}{_meaning(info)}"
     if entry["type"] not in _MUST_BE:
         return str(context.get("error") or entry["msg"])
     message = _MUST_BE[entry["type"]].format(**context)
@@ -254,6 +254,18 @@ def _wrong(entry: Any, info: FieldInfo | None) -> str:
         again = f": {meant:g}?" if meant <= limit else ""
         return f"{message} ({mistakes[0].right}{again})"
     return message + _meaning(info)
+
+
+def _multiples(value: float, step: float, info: FieldInfo | None) -> str:
+    """Return the multiples of ``step`` beside ``value``, or the nearest that is allowed."""
+    below = value // step * step
+    found = [below, below + step]
+    for item in info.metadata if info is not None else ():
+        if (least := getattr(item, "ge", None)) is not None:
+            found = [max(each, -(-least // step) * step) for each in found]
+        if (most := getattr(item, "le", None)) is not None:
+            found = [min(each, most // step * step) for each in found]
+    return " or ".join(dict.fromkeys(f"{each:g}" for each in found))
 
 
 def _literals(annotation: Any) -> list[object]:

@@ -88,6 +88,26 @@ def test_what_a_compaction_measures(elastic):
     assert 0.05 < measured["compressibility_index"] < 0.2
 
 
+def test_stresses_of_a_box_are_what_its_walls_push():
+    """Without dashpots 2 k_n Σ overlap of the vertices at each wall / its length."""
+    given = point({"contact_damping": 0.0}, shear={"strain": 0.3, "unload": False})
+    simulation = prepared(given)
+    simulation.advance(35)
+    table, s = simulation.columns(), simulation.run.system
+    r, unit = s.chains.radius[0], 2.0 * s.rules.stiffness
+    width, height = simulation.run.width, -s.walls.position[3]
+
+    def push(away):
+        overlap = np.maximum(r - away, 0.0)
+        assert (overlap > 0.0).any()
+        return unit * float(overlap.sum())
+
+    sides = push(s.motion.x) + push(width - s.motion.x)
+    assert table["stress_xx"][-1] == pytest.approx(0.5 * sides / height, rel=1e-9)
+    assert table["stress_yy"][-1] == pytest.approx(push(height - s.motion.y) / width, rel=1e-9)
+    assert table["stress_floor"][-1] == pytest.approx(push(s.motion.y) / width, rel=1e-9)
+
+
 def test_a_lid_sends_no_front_through_the_pack():
     """Particles that barely touch bear the same at lid and floor from the first, some 1e-2 σ*.
 

@@ -210,6 +210,9 @@ def test_plates_that_are_too_soft_stop_the_run(tmp_path):
     [
         ("packing: {vertices: 4}", "must be at least 8"),
         ("packing: {vertices: 10}", "must be a multiple of 4: 8 or 12"),
+        ("packing: {vertices: 6}", r"must be a multiple of 4: 8 \("),
+        ("packing: {vertices: -3}", r"must be a multiple of 4: 8 \("),
+        ("packing: {vertices: 2001}", r"must be a multiple of 4: 2000 \("),
         ("packing: {vertices: 400}", "more than three times as thick"),
         ("shear: {compression: 35}", "not percent"),
         ("integrator: {step: 1.0}", "must be at most 0.9"),

@@ -39,7 +39,8 @@ BOX = points(
     ("given", "up"),
     [
         (PLATES(shear={"relative_rate": 0.001}), []),
-        (PLATES(shear={"relative_rate": 0.05}), ["drag"]),
+        (PLATES(shear={"relative_rate": 0.05}), ["inertia", "drag"]),
+        (PLATES({"drag": 0.0}, shear={"relative_rate": 0.05}), ["inertia"]),
         (BOX(), []),
         (BOX(shear={"relative_rate": 0.05}), ["inertia"]),
         (BOX(model={"drag": 0.1}), ["drag"]),
@@ -52,5 +53,13 @@ BOX = points(
 def test_flags_of_runs(given, up):
     """A ring and a box that are pressed slowly have none, and each fault its own."""
     flags = finished(given).summary()["flags"]
-    assert flags == {name: name in up for name in SLOW if name in flags}
-    assert set(flags) == ({"energy_missing", "drag"} if given.packing.particles == 1 else set(SLOW))
+    assert flags == {name: name in up for name in SLOW}
+
+
+def test_the_force_between_plates_is_that_before_they_brake():
+    """Of hinges that yield, F R = 4 M^Y/√(1 − ε²); in braking a fast ring loses most of it."""
+    run = finished(PLATES({"drag": 0.0}, shear={"relative_rate": 0.05}))
+    table, measured = run.columns(), run.summary()["measured"]
+    assert table["scaled_force"][-1] < 0.7 * measured["final_scaled_force"]
+    law = 4.0 * 0.02 / np.sqrt(1.0 - measured["final_compression"] ** 2)
+    assert measured["final_scaled_force"] == pytest.approx(law, rel=0.15)

@@ -64,3 +64,30 @@ def test_share_of_the_load_at_the_ends(program):
     place = np.arange(-3.0, 4.0) * figures.SEGMENT
     run = rings.Run({}, [place], [np.ones(7)], [])
     assert figures.at_ends(run, 0) == pytest.approx(6 / 7)
+
+
+def test_a_tissue_that_does_not_rupture_meets_no_goal_of_rupture(program, monkeypatch):
+    """Open, and with a rupture in the end 0.403/0.12; the elastic one dips at ε = 0.06 too."""
+    tissue = program("soft_tissue")
+    monkeypatch.setattr(tissue, "crack", lambda _: (0.9, 1.0))
+
+    def job(strain, stress):
+        lid, floor = np.array(stress) + 0.3, np.array(stress) - 0.3
+        columns = {
+            "strain": strain, "stress_yy_per_bending": -lid, "stress_floor_per_bending": -floor,
+        }  # fmt: skip
+        summary = {"measured": {"energy_missing_ratio": 1e-5, "breaking_error": 1e-3}}
+        return Kept(Path("hand"), Table(columns, summary), [])
+
+    elastic = job(0.02 * np.arange(8), [0.01, 0.5, 1, 0.1, 0.6, 0.8, 0.1, 0.05])
+    stress = [0.01, 1, 0.9, 1, 0.8, 1, 0.7, 0.9, 0.6, 0.8, 0.5, 0.6, 0.4, 0.3]
+    for end, found, holds in (
+        (0.25, "no rupture: plastic", None), (0.1, "0.4/0.12 = 3.4", True),
+    ):  # fmt: skip
+        plastic = job(0.031 * np.arange(14), [*stress[:-1], end])
+        rows = list(tissue.goals({"elastic": elastic, "plastic": plastic}))
+        [row] = [row for row in rows if row[0].startswith("rupture strain")]
+        assert row[2:] == (found, holds)
+    elastic = job(0.031 * np.arange(14), stress)
+    first, *_ = tissue.goals({"elastic": elastic, "plastic": plastic})
+    assert first[2:] == ("no rupture", False)

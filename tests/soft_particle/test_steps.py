@@ -98,6 +98,37 @@ def test_a_step_over_the_bound_from_python(kind):
         s.advance(20_000)
 
 
+@pytest.mark.parametrize("time", [1.0, 0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("share", [0.5, 0.91, 5.0, 0.0, -1.0, np.nan])
+def test_a_time_is_divided_into_stable_steps_only(time, share):
+    s = system(ring(), step=0.1)
+    if (time, share) == (1.0, 0.5):
+        steps = s.divide(time, share)
+        assert steps * s.rules.step == pytest.approx(time)
+        assert s.rules.step <= share * s.stable_step
+        return
+    with pytest.raises(ValueError, match=r"^(time|share) = .* finite and over 0|not stable"):
+        s.divide(time, share)
+    assert s.rules.step == 0.1
+
+
+def test_a_time_is_divided_into_steps_that_dashpots_leave_stable():
+    s = system(ring(thickness=0.3, bend_damping=1.5))
+    share = 1.05 * s.longest_step() / s.stable_step
+    assert share < 0.9
+    with pytest.raises(ValueError, match="not stable with these springs and dashpots"):
+        s.divide(1.0, share)
+
+
+def test_the_advice_of_a_guard_is_a_step_that_a_study_may_have():
+    s = system(ring(), drag=1e-9)
+    s.rules = s.rules._replace(step=4.0 * s.stable_step)
+    s.motion.vx[0] = 1e-6
+    with pytest.raises(SimulationError, match="surely stable up to") as error:
+        s.advance(20_000)
+    assert float(re.search(r"step = ([\d.]+):", str(error.value))[1]) <= 0.9
+
+
 def squeezed(damping, share):
     """A vertex between two bars that overlap it by 0.7 of the distance of touching."""
     bars = [chain([(-1, y), (1, y)], thickness=0.2) for y in (-0.06, 0.06)]

@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 _FIXED = "#9a9a9a"
 _FULL = 98.0  # percentile that takes the end of a colour scale
 _IMPULSIVE = 3.0  # times more than in all others: the first snapshot has no part in the scale
+_EQUAL = 1e-9  # relative difference that is only rounding
 _TITLES = {
     "pressure": "pressure\nof a particle",
     "spin": "spin",
@@ -135,6 +136,7 @@ def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
     """Return the ends of the colour scale of all snapshots.
 
     At an impulsive start all may be much faster than ever after: that would be all there is to see.
+    Where all are equal the scale is from 0 to their value.
     """
     if not values:
         return 0.0, 1.0
@@ -147,4 +149,6 @@ def _limits(values: Sequence[FloatArray], colour: str) -> tuple[float, float]:
         low, high = -max(-low, high), max(-low, high)
     elif colour in {"speed", "displacement"}:
         low = 0.0
-    return (low, high) if low < high else (low, low + 1.0)
+    if high - low <= _EQUAL * max(abs(low), abs(high)):
+        low, high = min(low, 0.0), max(high, 0.0)
+    return (low, high) if low < high else (0.0, 1.0)

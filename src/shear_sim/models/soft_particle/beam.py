@@ -58,7 +58,7 @@ class Beam(Scenario):
         self.frame = (-0.1 * length, -0.5 * length, 1.2 * length, length)
         slow = 0.5 * drag - math.sqrt(max(0.0, 0.25 * drag**2 - slowest**2))
         between = AT_REST / slow / rows
-        self.steps = self.system.divide(between, point.integrator.step)
+        self.steps = self.divide(between, point.integrator.step)
         self.system.begin()
 
     def go_on(self) -> None:

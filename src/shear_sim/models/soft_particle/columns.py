@@ -77,10 +77,11 @@ DERIVED = (
 MEASURED = tuple(
     (Column(name, unit, text), f"measured.{name}")
     for name, unit, text in (
-        ("final_force", "N/m", "force of a plate at the largest compression"),
-        ("final_scaled_force", "1", "F R²/(E I) at the largest compression"),
-        ("final_area_ratio", "1", "V/V₀ at the largest compression"),
-        ("final_contact_ratio", "1", "L_c/b₀ at the largest compression"),
+        ("final_compression", "1", "ε of loading, before the plates brake"),
+        ("final_force", "N/m", "force of a plate at final_compression"),
+        ("final_scaled_force", "1", "F R²/(E I) there"),
+        ("final_area_ratio", "1", "V/V₀ there"),
+        ("final_contact_ratio", "1", "L_c/b₀ there"),
         ("contact_onset", "1", "ε of zero contact length, of a line through load_ratio (no core)"),
         ("contact_slope", "1", "slope of that line"),
         ("residual_compression", "1", "1 − height of the free ring / b₀, after unloading"),
@@ -108,10 +109,14 @@ MEASURED = tuple(
         ("friction_loss_share", "1", "by friction / all losses, last period"),
         ("damping_loss_share", "1", "in dashpots / all losses, last period"),
         ("drag_loss_share", "1", "by drag / all losses, last period"),
-        ("kinetic_ratio", "1", "kinetic energy / work so far, at final_strain or peak_strain"),
-        ("peak_stress_per_bending", "1", "largest tensile σ R²/k_b; σ/σ* is twice that"),
+        (
+            "kinetic_ratio",
+            "1",
+            "kinetic energy / work, at final_strain, peak_strain; of a stroke",
+        ),
+        ("peak_stress_per_bending", "1", "largest tensile σ R²/k_b, mean of both grips"),
         ("peak_strain", "1", "ε there"),
-        ("rupture_strain", "1", "ε after it where a fifth of the stress is left"),
+        ("rupture_strain", "1", "ε from where on less than a fifth of that stress is left"),
         ("links_broken", "1", "at the end of a tension"),
         ("crack_share", "1", "of broken links, those of the largest crack: at neighbouring cells"),
         ("crack_span", "1", "width of the cells at it / width of the tissue"),

@@ -107,7 +107,7 @@ class Compactor(Scenario):
         if self.loaded:
             each = self.unit.period / shear.relative_rate / (self.one_way * PIECES)
             walls.mass[LID] = self.row
-        self.steps = system.divide(each, self.point.integrator.step)
+        self.steps = self.divide(each, self.point.integrator.step)
         if not self.loaded:
             # All of the pack sets out at once: no front runs through it from the lid.
             system.motion.vy[:] = -self.speed * system.motion.y / top

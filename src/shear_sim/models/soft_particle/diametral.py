@@ -16,6 +16,7 @@ from shear_sim.models.soft_particle.system import System
 from shear_sim.models.soft_particle.walls import Wall
 
 RAMP = 0.05  # part of a stroke in which the plates come to their speed, and to rest
+FAST = 0.2  # part of a stroke: before, a slow ring too has little work in it
 PIECES = 50  # of a record, in each of which the plates keep their speed
 PICTURE = 3.2  # side of what a snapshot shows, in radii of the ring
 FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
@@ -50,7 +51,7 @@ class Diametral(Scenario):
         stroke = shear.compression / (shear.relative_rate / self.unit.period) / (1.0 - RAMP)
         self.speed = shear.compression * self.half / (stroke * (1.0 - RAMP))
         piece = stroke * self.strokes / (rows * PIECES)
-        self.steps = self.system.divide(piece, point.integrator.step)
+        self.steps = self.divide(piece, point.integrator.step)
         self.pieces = rows * PIECES
         self.piece = 0
         self.system.begin()
@@ -113,16 +114,27 @@ class Diametral(Scenario):
         } | ledger(energy)
 
     def measured(self, table: Columns) -> dict[str, float]:
-        """Return what is kept of a whole run."""
+        """Return what is kept of a whole run.
+
+        Forces and shapes are those of the last record before the plates brake: where they do, a
+        ring that moves on pushes less. ``kinetic_ratio`` is the largest from ``FAST`` of the first
+        stroke to there.
+        """
         top = int(table["compression"].argmax())
         work = float(table["work"][top])
+        stroke = (self.rows - 1) / self.strokes  # in records
+        last = max(1, int((1.0 - RAMP) * stroke * (1.0 + 1e-9)))
+        on_the_way = slice(min(math.ceil(FAST * stroke), last), last + 1)
+        kinetic = table["energy_kinetic"][on_the_way] / table["work"][on_the_way]
         found = {
-            "final_force": table["force"][top],
-            "final_scaled_force": table["scaled_force"][top],
-            "final_area_ratio": table["area_ratio"][top],
-            "final_contact_ratio": table["contact_ratio"][top],
+            "final_compression": table["compression"][last],
+            "final_force": table["force"][last],
+            "final_scaled_force": table["scaled_force"][last],
+            "final_area_ratio": table["area_ratio"][last],
+            "final_contact_ratio": table["contact_ratio"][last],
             "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
             "drag_ratio": table["lost_by_drag"][top] / work,
+            "kinetic_ratio": kinetic.max(),
         }
         found |= self._contact_line(table, top)
         if self.strokes == 2:

@@ -65,7 +65,7 @@ class Pressed(_FreeRing):
         self.scale = unit.bending / self.radius**3
         self.growth = shear.pressure / (rows * PIECES) * self.scale
         between = shear.pressure / shear.relative_rate * unit.period / (rows * PIECES)
-        self.steps = self.system.divide(between, point.integrator.step)
+        self.steps = self.divide(between, point.integrator.step)
         self.modulus = unit.shell_modulus + unit.core_modulus
         self.pressure = self.work = 0.0
         self.system.begin()
@@ -123,7 +123,7 @@ class Vibrating(_FreeRing):
         unit, motion = self.unit, self.system.motion
         rows = point.resolved().record.rows or 0
         self.rows, self.strokes = rows + 1, shear.periods
-        self.steps = self.system.divide(unit.period * shear.periods / rows, point.integrator.step)
+        self.steps = self.divide(unit.period * shear.periods / rows, point.integrator.step)
         # Without a change of length: u_r = a cos 2φ, u_φ = −(a/2) sin 2φ.
         speed = shear.amplitude * self.radius * unit.frequency
         outwards = speed * np.cos(2.0 * self.angle)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shear_sim.models.interface import Columns, SimulationError
 from shear_sim.models.soft_particle.rings import Scales
+from shear_sim.models.soft_particle.stability import at_most
 from shear_sim.models.soft_particle.system import System
 
 FloatArray = NDArray[np.float64]
@@ -60,6 +61,28 @@ class Scenario(ABC):
     def checks(self, table: Columns) -> dict[str, float]:  # noqa: ARG002 - not all have any
         """Return what must be small."""
         return {}
+
+    def divide(self, time: float, share: float) -> int:
+        """Return in how many steps ``time`` [s] is made, see ``System.divide``."""
+        self.refuse_unstable(share)
+        return self.system.divide(time, share)
+
+    def refuse_unstable(self, share: float) -> None:
+        """Look at the particles as they are: a study is checked by its mean ring, see there.
+
+        Raises
+        ------
+        SimulationError
+            If ``share`` of the longest step without dashpots is not stable with them.
+        """
+        stable = self.system.stable_step
+        longest = self.system.longest_step()
+        if share * stable > longest:
+            msg = (
+                f"integrator.step = {share:g} is not stable with the dashpots of these particles: "
+                f"at most {at_most(longest / stable)}, or less damping, inner_damping or drag"
+            )
+            raise SimulationError(msg)
 
 
 @contextmanager

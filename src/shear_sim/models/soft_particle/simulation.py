@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from shear_sim.models.interface import Columns, SimulationError, Snapshot
+from shear_sim.models.interface import Columns, Snapshot
 from shear_sim.models.soft_particle import snapshots
 from shear_sim.models.soft_particle.beam import Beam
 from shear_sim.models.soft_particle.columns import COLUMNS
@@ -28,7 +28,6 @@ from shear_sim.models.soft_particle.parameters import (
     SoftParticleRecord,
 )
 from shear_sim.models.soft_particle.scenario import Scenario
-from shear_sim.models.soft_particle.stability import at_most
 from shear_sim.models.soft_particle.suspension import Suspension
 from shear_sim.models.soft_particle.tension import Puller
 from shear_sim.protocol import snapshot_rows
@@ -64,21 +63,10 @@ class SoftParticleSimulation:
             self.run = Vibrating(self.point, shear)
         else:
             self.run = Diametral(self.point, shear)
-        self._refuse_unstable_steps()
+        self.run.refuse_unstable(self.point.integrator.step)  # those that divide later, too
         self.done = 0
         self._records: list[dict[str, float]] = []
         self.snapshots: list[Snapshot] = []
-
-    def _refuse_unstable_steps(self) -> None:
-        """Look at the particles as they are: a study is checked by its mean ring, see there."""
-        system, share = self.run.system, self.point.integrator.step
-        longest = system.longest_step() / system.stable_step
-        if share > longest:
-            msg = (
-                f"integrator.step = {share:g} is not stable with the dashpots of these particles: "
-                f"at most {at_most(longest)}, or less damping, inner_damping or drag"
-            )
-            raise SimulationError(msg)
 
     @property
     def threads(self) -> int:

@@ -85,7 +85,7 @@ class Suspension(Scenario):
         if self.point.cell.boundary == "plates":
             self.glued = self._glue()
         between = self.period * shear.periods / rows
-        self.steps = system.divide(between, self.point.integrator.step)
+        self.steps = self.divide(between, self.point.integrator.step)
         self.first = system.steps
         system.shear(shear.strain_amplitude, 1.0 / self.period)
         width, height = map(float, system.cell.size)

@@ -439,7 +439,14 @@ class System:
         """Let a whole number of steps, which is returned, make ``time`` [s].
 
         ``share``: of the longest one that is stable without dashpots, at most.
+
+        Raises
+        ------
+        ValueError
+            If one is not over 0, or the step is not stable.
         """
+        positive(time=time, share=share)
+        self._check_step(share * self.stable_step, self.stable_step)
         steps = math.ceil(time / (share * self.stable_step) * (1.0 - 1e-9))
         self.rules = self.rules._replace(step=time / steps)
         return steps
@@ -479,9 +486,10 @@ class System:
         stable = self.damped_step(deepest)
         if self.rules.step <= stable:
             return ""
+        share = min(LARGEST, stable / self.stable_step)
         return (
             "; with these dashpots a step is surely stable up to integrator.step = "
-            f"{at_most(stable / self.stable_step)}: that, or less damping or contact_damping"
+            f"{at_most(share)}: that, or less damping or contact_damping"
         )
 
     def _vertex(self, k: int) -> str:

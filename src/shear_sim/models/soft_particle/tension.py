@@ -91,7 +91,7 @@ class Puller(Scenario):
         way = self.start * math.expm1(shear.strain)
         self.speed = shear.relative_rate * self.start / self.unit.period
         each = way / self.speed / rows
-        self.steps = self.system.divide(each, point.integrator.step)
+        self.steps = self.divide(each, point.integrator.step)
         self.frame = (0.0, 0.0, self.width, made.height + way)
         # All of it sets out at once: no front runs through the tissue.
         motion.vy[:] = self.speed * (motion.y - self.low) / self.start
@@ -174,21 +174,25 @@ class Puller(Scenario):
         }
 
     def measured(self, table: Columns) -> dict[str, float]:
-        """Return what is kept of a whole run."""
-        pull, strain = -table["stress_yy"], table["strain"]
-        peak = int(pull.argmax())
+        """Return what is kept of a whole run.
+
+        The stress is the mean of both grips, as waves between them push one and pull the other. A
+        tissue ruptures where it falls under ``BROKEN_STRESS`` of the largest for the last time; one
+        that bears more at the end has no ``rupture_strain``.
+        """
+        strain, scaled = table["strain"], pulled(table)
+        peak = int(scaled.argmax())
         work = float(table["work"].max())
         found = {
-            "peak_stress_per_bending": -table["stress_yy_per_bending"][peak],
+            "peak_stress_per_bending": scaled[peak],
             "peak_strain": strain[peak],
             "links_broken": table["links_broken"][-1],
             "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
             "drag_ratio": table["lost_by_drag"][-1] / work,
             "kinetic_ratio": table["energy_kinetic"][peak] / table["work"][peak],
         }
-        weak = np.flatnonzero(pull[peak:] < BROKEN_STRESS * pull[peak])
-        if len(weak):
-            found["rupture_strain"] = strain[peak + weak[0]]
+        if (torn := ruptured(scaled)) is not None:
+            found["rupture_strain"] = strain[torn]
         if table["links_broken"][-1] > 0:
             balance = table["lost_by_breaking"][-1] / table["criterion_energy"][-1]
             found["breaking_error"] = abs(balance - 1.0)
@@ -215,6 +219,18 @@ class Puller(Scenario):
         along = np.isin(chains.chain, [*one[broken & largest], *other[broken & largest]])
         x = self.system.motion.x[along]
         return float(largest[broken].mean()), float(np.ptp(x)) / self.width
+
+
+def pulled(table: Columns) -> FloatArray:
+    """Return the tensile stress σ R²/k_b of each record, the mean of both grips."""
+    return -0.5 * (table["stress_yy_per_bending"] + table["stress_floor_per_bending"])
+
+
+def ruptured(stress: FloatArray) -> int | None:
+    """Return the record that a tissue ruptures at, see ``Puller.measured``; None: it does not."""
+    bears = np.flatnonzero(stress >= BROKEN_STRESS * stress.max())
+    first = int(bears[-1]) + 1 if len(bears) else len(stress)
+    return first if first < len(stress) else None
 
 
 def cracks(one: Ints, other: Ints, broken: NDArray[np.bool_], cells: int) -> IndexArray:

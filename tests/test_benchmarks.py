@@ -13,12 +13,14 @@ BENCHMARKS = Path(__file__).parents[1] / "analysis/benchmarks"
 def benchmarks(monkeypatch):
     """Return the modules of the LAMMPS runs and of the scenes."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
+    for name in ("lammps", "scenes"):  # other tests have scenes of their own
+        monkeypatch.delitem(sys.modules, name, raising=False)
     import lammps
     import scenes
 
     yield lammps, scenes
     for name in ("lammps", "scenes"):
-        sys.modules.pop(name, None)
+        del sys.modules[name]
 
 
 @pytest.mark.parametrize("style", ["hooke", "granular"])

@@ -8,6 +8,7 @@ from soft_particles import finished, forces, points
 
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import COHESIVE
+from shear_sim.models.soft_particle.tension import ruptured
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
 from shear_sim.snapshots import read_snapshots
@@ -118,6 +119,13 @@ def test_energy_missing_falls_as_the_square_of_the_step():
         missing.append(run.summary()["measured"]["energy_missing_ratio"])
     assert missing[1] < 1e-4
     assert missing[1] < 0.5 * missing[0]
+
+
+def test_a_rupture_is_the_last_fall_of_the_stress():
+    """Under a fifth of the largest; not the first dip, and none where the end bears more."""
+    stress = np.array([0.0, 1.0, 0.1, 0.5, 0.19, 0.1])
+    assert ruptured(stress) == 4
+    assert ruptured(stress[:4]) is None
 
 
 def test_plastic_cells_stretch_before_they_part(elastic):

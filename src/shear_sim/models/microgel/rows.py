@@ -45,13 +45,14 @@ LINES = PAIR_ROWS // 2
 
 
 @jit(inner=True)
-def fetch(ahead: Floats, half: int, octet: int) -> None:
-    """Have some lines of a row brought near, with an octet of pairs of either half of the work.
+def fetch(ahead: Floats, half: int, lane: int) -> None:
+    """Have some lines of a row brought near, with the octet of pairs from ``lane`` on.
 
-    Where pairs do not fit in the cache to wait for them takes as long as to work them out.
+    ``half`` of the row: 0 or 1. Where pairs do not fit in the cache, to wait for them takes as long
+    as to work them out.
     """
     if ahead.shape[0] > 0:
-        first = half * (ahead.shape[0] // 2) + octet * LINES
+        first = half * (ahead.shape[0] // 2) + lane * LINES
         for n in range(LINES):
             prefetch(ahead, first + 8 * n)
 

@@ -103,7 +103,7 @@ __all__ = [
 def most_threads(point: SoftParticlePoint) -> int:
     """Return one for each strip of particles.
 
-    A tissue has up to a tenth more vertices than are counted here, and so, rarely, more strips.
+    A tissue has up to a fifth more vertices than are counted here, and so, rarely, more strips.
     """
     from shear_sim.models.soft_particle.strips import strip_count  # loads Numba
 

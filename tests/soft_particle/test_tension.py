@@ -207,6 +207,8 @@ def test_impossible_studies(text, message, tmp_path):
 def test_links_that_cannot_be(tmp_path):
     for links, message in (
         ("{strength: 1, toughness: 1}", "give one, and null for the other"),
+        ("{strength: null, toughness: 1, exponent: 3}", "exponent has no effect on links that"),
+        ("{strength: null, toughness: 1, shear_strength: 2}", "shear_strength has no effect on"),
         ("{}", "only a tissue has links"),
         ("{strength: -1}", "greater than 0"),
     ):

@@ -25,6 +25,9 @@ LARGEST_SPREAD = 2.5  # standard deviations at which radii are cut
 #: ℓ / half the gap between plates. A coarser fold has errors of 20 to 40 % of the force; under
 #: ``FINE`` they are below 4 %: analysis/soft_diametral.md.
 COARSEST, FINE = 1.0, 0.4
+#: Keys of the model that a scenario does not use: nothing touches, or without friction and losses.
+_CONTACTS = ("friction", "tangential_ratio", "contact_damping")
+_WITHOUT_EFFECT = {"bending": _CONTACTS, "pressure": _CONTACTS, "vibration": _CONTACTS}
 
 
 class SoftParticleCell(Section):
@@ -154,6 +157,18 @@ class SoftLinks(Section):
                 "other"
             )
             raise Impossible([(("toughness", "strength"), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _have_an_effect(self) -> Self:
+        fields = type(self).model_fields
+        problems = [
+            ((name, "toughness"), f"{name} has no effect on links that break by their toughness")
+            for name in ("shear_strength", "exponent")
+            if self.toughness is not None and getattr(self, name) != fields[name].default
+        ]
+        if problems:
+            raise Impossible(problems)
         return self
 
 
@@ -343,6 +358,22 @@ class SoftParticlePoint(Point):
         if self.packing.rigid_share > 0 and self.shear.kind != "compaction":
             message = "rigid particles are for a box under a lid (shear.kind: compaction) only"
             raise Impossible([(("packing.rigid_share", "shear.kind"), message)])
+        return self
+
+    @model_validator(mode="after")
+    def _have_an_effect(self) -> Self:
+        kind, fields = self.shear.kind, SoftParticle.model_fields
+        problems = []
+        for name in _WITHOUT_EFFECT.get(kind, ()):
+            value = getattr(self.model, name)
+            if value != fields[name].default:
+                message = (
+                    f"{name}: {value:g} has no effect with shear.kind: {kind}: set it only in the "
+                    "scenes that need it"
+                )
+                problems.append(((f"model.{name}", "shear.kind"), message))
+        if problems:
+            raise Impossible(problems)
         return self
 
     @model_validator(mode="after")

@@ -7,11 +7,12 @@ shear-sim sweep configs/soft_plastic_ring.yaml
 Prints tables in Markdown (kept in analysis/soft_diametral.md) and draws a figure. The ring has 100
 vertices and h = 0.05 R. The plastic one is that of the study, compressed ever more slowly, by
 factors of four, until its force (averaged over Δε = 0.02) changes by less than 0.5 %; the others
-are run here (five minutes).
+are run here (five minutes). Without arguments only coarse rings are (half a minute).
 """
 
 import argparse
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,6 +42,9 @@ YIELD = 0.02  # M^Y/M*
 AT = np.array([0.1, 0.2, 0.3, 0.4, 0.49])
 SLOWER = 0.005  # change of the force at a quarter of the speed that is small enough
 THINNER = (0.1, 0.05, 0.025)  # h/R of rings with a core
+COARSE = (16, 24, 32, 48, 64, 100)  # vertices
+HALF_GAPS = (0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 12.0)  # segments
+PRESSED = 0.75  # largest ε of coarse rings
 
 
 def stadium(eta: float, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -142,11 +146,13 @@ def compress(
         {
             "packing": {"vertices": vertices},
             "model": {"thickness": THICKNESS, "core": "elastic"} | model,
-            "shear": {"compression": strain, "relative_rate": rate, "unload": unload},
+            "shear": {"relative_rate": rate, "unload": unload},
             "record": {"rows": rows},
         }
     )
-    run = Diametral(point, point.shear)
+    # Unchecked: a study may not press a ring so far that its folds are coarser than a segment.
+    shear = point.shear.model_copy(update={"compression": strain})
+    run = Diametral(point.model_copy(update={"shear": shear}), shear)
     records, place, pressure, outline = [run.record()], [], [], []
     system, r = run.system, run.radius
     for _ in range(rows):
@@ -350,6 +356,39 @@ def thinner() -> None:
         row(f"{thickness:g}", share, law, (share - 1) / thickness**2)
 
 
+def coarse() -> None:
+    print(
+        "\n## Coarse rings\n\nLargest error of F of hollow rings that fold (ε > 0.29), where half "
+        "the gap between the plates is so many segments:"
+    )
+    head("half gap / ℓ", *(f"N = {vertices}" for vertices in COARSE))
+    errors = [coarse_errors(vertices) for vertices in COARSE]
+    for k, (low, high) in enumerate(pairwise(HALF_GAPS)):
+        found = [error[k] for error in errors]
+        row(f"{low:g} to {high:g}", *("–" if np.isnan(e) else f"{100 * e:+.1f} %" for e in found))
+    bent = elastica_with_core(1.0, 0.5, THICKNESS)
+    print("\nOf rings of 40 vertices with a core, η = 1, at ε = 0.5 (3.2 segments):", end="")
+    for stiffness in (10.0, 33.0, 100.0):
+        run = compress(0.52, 0.01, 52, vertices=40, core_ratio=1.0, contact_stiffness=stiffness)
+        force = float(run.loading("scaled_force", np.array([0.5]))[0])
+        error = force * THICKNESS**2 / 12 / bent.force - 1
+        print(f" {100 * error:+.1f} % (contact_stiffness {stiffness:g})", end="")
+    print()
+
+
+def coarse_errors(vertices: int) -> list[float]:
+    """Return the error of F that is the largest in each interval of `HALF_GAPS`; NaN: none."""
+    table = compress(PRESSED, 0.01, 150, vertices=vertices).table
+    strain = table["compression"]
+    error = table["scaled_force"] * (1 - strain) ** 2 / 1.43554 - 1
+    half_gap = (1 - strain) / (2 * np.tan(np.pi / vertices))
+    found = []
+    for low, high in pairwise(HALF_GAPS):
+        there = error[(strain > 0.29) & (strain < PRESSED) & (half_gap >= low) & (half_gap < high)]
+        found.append(float(there[np.abs(there).argmax()]) if len(there) else np.nan)
+    return found
+
+
 def profile(run: Run, strain: float) -> tuple[FloatArray, FloatArray]:
     """Return x/R and the pressure [EI/R³] of the plate at ``strain``, zero beside what touches."""
     top = int(run.table["compression"].argmax())
@@ -454,15 +493,21 @@ def curves(axes: NDArray[np.object_], runs: dict[str, Run]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("results", type=Path, help="results folder of the plastic rings")
-    parser.add_argument("figure", type=Path, help="path of the figure")
+    parser.add_argument("results", type=Path, nargs="?", help="results folder of the plastic rings")
+    parser.add_argument("figure", type=Path, nargs="?", help="path of the figure")
     given = parser.parse_args()
+    if given.results is None:
+        coarse()
+        return
+    if given.figure is None:
+        parser.error("a path of the figure is needed, too")
     runs = {"elastic": compress(0.5, 0.0025, 200, unload=True)}
     print("# A ring between two plates")
     elastic(runs["elastic"])
     runs["η = 1"] = core(1.0)
     runs["η = 100"] = core(100.0)
     thinner()
+    coarse()
     runs["plastic"] = plastic(given.results)
     runs["let go"] = Run(dict(let_go(given.results).columns), [], [], [])
     draw(given.figure, runs)

@@ -113,6 +113,24 @@ def slope(system, at=None, step=1e-6):
     return out
 
 
+def squared_frequencies(system, step=1e-6):
+    """The squares ω² (2 V,) of all frequencies of unit masses, the lowest first.
+
+    They are the eigenvalues of the Hessian, of central differences of forces.
+    """
+    vertices = len(system.motion.x)
+    hessian = np.zeros((2 * vertices, 2 * vertices))
+    for column in range(2 * vertices):
+        values, k = (system.motion.x if column < vertices else system.motion.y), column % vertices
+        here, pair = values[k], []
+        for sign in (1, -1):
+            values[k] = here + sign * step
+            pair.append(forces(system).T.ravel())
+        values[k] = here
+        hessian[:, column] = -(pair[0] - pair[1]) / (2 * step)
+    return np.linalg.eigvalsh(0.5 * (hessian + hessian.T))
+
+
 def system(*bodies, stiffness=1.0, **given):
     return System(list(bodies), stiffness=stiffness, **given)
 

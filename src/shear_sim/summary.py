@@ -58,6 +58,7 @@ FLAGGED = {
     "energy_missing": "whose energy is not all accounted for",
     "inertia": "so fast that inertia counts",
     "drag": "whose drag bears a part of the load",
+    "coarse": "whose folds are of so few segments that forces are some percent off",
 }
 
 InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from soft_particles import finished, goes_on_to_the_same_bits, points
 
+from shear_sim.models import soft_particle
 from shear_sim.render import read_kept
 from shear_sim.runner import run_job
+from shear_sim.streams import Streams
 from shear_sim.study import Job, StudyError, read_study
 
 beam = points(
@@ -145,3 +147,39 @@ def test_impossible_studies(text, message, tmp_path):
     content = content.replace("model: {", "model: {kind: soft_particle, ").replace(", }", "}")
     with pytest.raises(StudyError, match=message):
         read_study(content.encode(), tmp_path / "study.yaml")
+
+
+@pytest.mark.parametrize("kind", ["bending", "pressure", "vibration"])
+@pytest.mark.parametrize(
+    "given", [{"friction": 0.3}, {"tangential_ratio": 0.5}, {"contact_damping": 0.3}]
+)
+def test_keys_without_effect(kind, given, tmp_path):
+    """A study is refused for what its run would not use: the same numbers with the key and without.
+
+    Its default may be written, as a scene may have to undo what all have.
+    """
+    (name, value), path = *given.items(), tmp_path / "study.yaml"
+    text = f"model: {{{{kind: soft_particle, {name}: {{}}}}}}\nshear: {{{{kind: {kind}}}}}"
+    with pytest.raises(StudyError, match=rf"{name}: {value} has no effect with shear\.kind"):
+        read_study(text.format(value).encode(), path)
+    read_study(text.format(1 if name == "tangential_ratio" else 0).encode(), path)
+    usual = points(packing={"vertices": 8}, model={}, shear={"kind": kind}, record={"rows": 20})()
+    changed = usual.model_copy(update={"model": usual.model.model_copy(update=given)})
+    one, other = (soft_particle.start(each, Streams(0, 0)) for each in (usual, changed))
+    for run in (one, other):
+        run.advance(4)
+    assert np.array_equal(one.run.system.motion.x, other.run.system.motion.x)
+
+
+def test_a_scene_undoes_what_all_have(tmp_path):
+    """Rings between plates with friction, and one that vibrates, of one study."""
+    text = (
+        "model: {kind: soft_particle, friction: 0.3}\n"
+        "scenes:\n"
+        "  pressed: {shear: {kind: diametral_compression}}\n"
+        "  free: {shear: {kind: vibration}}\n"
+    )
+    with pytest.raises(StudyError, match="set it only in the scenes that need it"):
+        read_study(text.encode(), tmp_path / "study.yaml")
+    text = text.replace("vibration}", "vibration}, model.friction: 0")
+    assert len(read_study(text.encode(), tmp_path / "study.yaml").jobs()) == 2

@@ -139,6 +139,39 @@ def test_a_ring_with_a_core_is_a_membrane_stadium(eta):
     assert last["contact_ratio"] == pytest.approx(0.5 * np.pi * length, abs=0.09)
 
 
+@pytest.mark.parametrize(
+    ("vertices", "strain", "coarse"), [(24, 0.6, True), (48, 0.6, False), (8, 0.28, False)]
+)
+def test_a_mesh_that_is_coarse_for_its_folds_is_flagged(vertices, strain, coarse):
+    """Where the force is off by over 4 %: ℓ over 0.4 of half the gap, of a ring that folds."""
+    shear = {"compression": strain, "relative_rate": 0.02, "unload": False}
+    run = finished(point(vertices, shear=shear, record={"rows": 80}))
+    table, summary = run.columns(), run.summary()
+    e, force = table["compression"], table["scaled_force"]
+    folds = e > 0.29
+    error = np.append(
+        np.interp(ELASTICA[:, 0], e, force) / ELASTICA[:, 1] - 1,
+        force[folds] * (1 - e[folds]) ** 2 / 1.43554 - 1,
+    )
+    assert (np.abs(error).max() > 0.04) == coarse == summary["flags"]["coarse"]
+    half_gap = (1 - strain) * np.cos(np.pi / vertices)
+    ratio = 2 * np.sin(np.pi / vertices) / half_gap if strain > 0.2822 else 0.0
+    assert summary["measured"]["fold_ratio"] == pytest.approx(ratio)
+
+
+def test_a_mesh_that_is_too_coarse_for_its_folds(tmp_path):
+    """It is refused with the fewest vertices that are enough, and these are."""
+    text = "model: {{kind: soft_particle}}\npacking: {{vertices: {}}}\nshear: {{compression: 0.8}}"
+    path = tmp_path / "study.yaml"
+    with pytest.raises(StudyError, match=r"half a gap of 0\.5 segments.* = 32 at least \(80 for"):
+        read_study(text.format(16).encode(), path)
+    with pytest.raises(StudyError, match=r"half a gap of 0\.89 segments"):
+        read_study(text.format(28).encode(), path)
+    read_study(text.format(32).encode(), path)
+    assert point(80, shear={"compression": 0.8}).shear.fold_ratio(80) < 0.4
+    assert point(8, shear={"compression": 0.28}).shear.fold_ratio(8) == 0.0
+
+
 def test_all_that_is_measured_scales():
     """Twice the size, thrice the modulus: the same numbers where they have no unit."""
     shear = {"compression": 0.05, "relative_rate": 0.05, "unload": False}
@@ -196,7 +229,7 @@ def test_a_job_through_the_runner(tmp_path):
 
 def test_plates_that_are_too_soft_stop_the_run(tmp_path):
     """And a run that was stopped has no result."""
-    given = point(12, model={"thickness": 0.02, "contact_stiffness": 0.001},
+    given = point(24, model={"thickness": 0.02, "contact_stiffness": 0.001},
                   shear={"compression": 0.7, "relative_rate": 0.05})  # fmt: skip
     with pytest.raises(
         SimulationError, match=r"stopped at t = .* s \(step \d+\): .* 0 .* or a wall: a"

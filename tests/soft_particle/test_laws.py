@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from soft_particles import chain, forces, polygon, ring, slope, system
+from soft_particles import chain, forces, polygon, ring, slope, squared_frequencies, system
 
 from shear_sim.models.soft_particle.bodies import Core, Shell, ring_points
 from shear_sim.models.soft_particle.kernels import (
@@ -152,24 +152,11 @@ def test_elastic_perfectly_plastic_cycle(load):
     assert rest == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    ("core", "contact"), [(Core(), 0.0), (Core("elastic", 30.0), 0.0), (Core("gas", 0, 0.01), 0.0)]
-)
-def test_bound_on_the_highest_frequency(core, contact):
+@pytest.mark.parametrize("core", [Core(), Core("elastic", 30.0), Core("gas", 0, 0.01)])
+def test_bound_on_the_highest_frequency(core):
     """Over the largest eigenvalue of the Hessian, and not by more than half."""
     s = system(ring(12, core=core, thickness=0.3), stiffness=1e-300)
-    n = 12
-    hessian = np.zeros((2 * n, 2 * n))
-    for column in range(2 * n):
-        values = s.motion.x if column < n else s.motion.y
-        k = column % n
-        pair = []
-        for sign in (1, -1):
-            values[k] += sign * 1e-6
-            pair.append(forces(s).T.ravel())
-            values[k] -= sign * 1e-6
-        hessian[:, column] = -(pair[0] - pair[1]) / 2e-6
-    exact = np.sqrt(np.linalg.eigvalsh(0.5 * (hessian + hessian.T)).max())
+    exact = np.sqrt(squared_frequencies(s).max())
     bound = highest_frequency(s.chains, s.motion.x, s.motion.y, 0.0)
     assert exact < bound < 1.5 * exact
 

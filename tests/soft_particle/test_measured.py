@@ -188,7 +188,7 @@ def test_what_is_kept_of_a_compression():
         "final_area_ratio": 1 - last, "final_contact_ratio": last / 2, "kinetic_ratio": 0.015,
         "energy_missing_ratio": 1e-7, "drag_ratio": 0.02,
         "contact_onset": 0.25, "contact_slope": 2.0, "residual_compression": 0.0,
-        "recovered_work": 0.6,
+        "recovered_work": 0.6, "fold_ratio": 2 * np.tan(np.pi / 40) / (1 - 0.4),
     }  # fmt: skip
     assert found == pytest.approx(expected, abs=1e-9)
 

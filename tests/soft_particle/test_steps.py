@@ -4,14 +4,16 @@ import re
 
 import numpy as np
 import pytest
-from soft_particles import chain, points, ring, system
+from soft_particles import chain, points, ring, squared_frequencies, system
 
 from shear_sim.document import StudyError
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import SimulationError
+from shear_sim.models.soft_particle.bodies import Core
 from shear_sim.models.soft_particle.parameters import SoftParticle
 from shear_sim.models.soft_particle.simulation import SoftParticleSimulation
 from shear_sim.models.soft_particle.stability import longest_share
+from shear_sim.models.soft_particle.walls import Wall
 from shear_sim.streams import Streams
 from shear_sim.study import load_study
 
@@ -152,3 +154,78 @@ def test_dashpots_of_deep_contacts(share, problem):
     advice = r".* stable up to integrator\.step = 0\.\d+: that, or less damping"
     with pytest.raises(SimulationError, match=problem + advice):
         squeezed(1.0, share).advance(2000)
+
+
+def light_wall(vertices, *, mass=1e-3, damping=0.0, low=0.0):
+    """A wall at rest on held vertices, of which those at the ends are lower; k = 2 for each."""
+    height = np.zeros(vertices)
+    height[[0, -1]] -= low
+    bed = chain(np.column_stack([np.arange(vertices), height]), thickness=0.2)
+    wall = Wall(0.0, -1.0, -0.09, mass=mass, load=0.02 * vertices, damping=damping)
+    s = system(bed, walls=[wall], stiffness=1.0)
+    s.hold(np.arange(vertices))
+    return s
+
+
+def swing(s, share, bound, steps):
+    """The largest way of the wall from where it is at rest, / that of a spring, v/ω."""
+    s.rules = s.rules._replace(step=share * bound)
+    s.begin()
+    rest, most = float(s.walls.position[0]), 0.0
+    s.walls.velocity[0] = 1e-12
+    for _ in range(steps):
+        s.advance(1)
+        most = max(most, abs(float(s.walls.position[0]) - rest))
+    return most / 1e-12
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_a_light_wall_is_in_the_bound(n):
+    """ω² = 2 k_n n/M on held vertices; bound: 3 k_n n/M. A swing is v/ω √(1 − (ω δt)²/4)⁻¹."""
+    omega = np.sqrt(2.0 * n / 1e-3)
+    bound = 2.0 / np.sqrt(1.5) / omega
+    assert light_wall(n).rules.step == pytest.approx(0.9 * bound)
+    exact = 1.0 / omega / np.sqrt(1.0 - 0.98**2 / 1.5)
+    assert swing(light_wall(n), 0.98, bound, 500) == pytest.approx(exact, rel=0.01)
+    with pytest.raises(SimulationError, match=f"wall 0 is too light .* with {n} vertices") as error:
+        swing(light_wall(n), 1.3, bound, 1)
+    found = float(re.search(r"steps of ([\d.]+) s at most", str(error.value))[1])
+    assert 0.99 * bound < found < bound
+    unguarded = light_wall(n)
+    unguarded._guard = lambda _: None
+    assert swing(unguarded, 1.3, bound, 20) > 1e3 / omega
+
+
+def test_a_light_wall_that_comes_to_touch_more():
+    """It is stable with the middle one of three, and not with all."""
+    bound = 2.0 / np.sqrt(3.0 / 1e-3)
+    swing(light_wall(3, low=0.2), 0.98, bound, 10)
+    s = light_wall(3, low=0.02)
+    with pytest.raises(SimulationError, match="with 3 vertices at it: a larger mass"):
+        swing(s, 0.98, bound, 100)
+    assert s.steps > 0
+
+
+def test_a_damped_light_wall_comes_to_rest():
+    """Its dashpot is in the bound: at that of the spring alone the wall is thrown off."""
+    free = 2.0 / np.sqrt(6.0 / 1e-3)
+    s = light_wall(2, damping=0.2)
+    step = s.rules.step / 0.9
+    assert step < 0.2 * free
+    swing(s, 0.98, step, 2000)
+    assert abs(float(s.walls.velocity[0])) < 1e-14
+    with pytest.raises(SimulationError, match="too light"):
+        swing(light_wall(2, damping=0.2), 0.98, free, 1)
+
+
+def test_a_pressure_over_the_bound():
+    """|p₀| is a part of ω² m; what doubles it is refused at 0.9 · 2/ω, a fifth of it is not."""
+    s = system(ring(core=Core("drained")), stiffness=1e-3)
+    s.rules = s.rules._replace(step=0.9 * s.stable_step)
+    squared = (2.0 / s.stable_step) ** 2  # of unit masses
+    s.press(0, 0.2 * squared)
+    with pytest.raises(ValueError, match=r"^pressure = .* Pa makes the step of .* s unstable"):
+        s.press(0, squared)
+    assert s.chains.core_pressure[0] == 0.2 * squared
+    s.chains.core_pressure[0] = 4.0 * squared
+    assert squared_frequencies(s).max() > (2.0 / s.rules.step) ** 2

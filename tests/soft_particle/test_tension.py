@@ -8,7 +8,7 @@ from soft_particles import finished, forces, points
 
 from shear_sim.models import soft_particle
 from shear_sim.models.interface import COHESIVE
-from shear_sim.models.soft_particle.tension import ruptured
+from shear_sim.models.soft_particle.tension import pulled, ruptured
 from shear_sim.results import read_job
 from shear_sim.runner import run_job
 from shear_sim.snapshots import read_snapshots
@@ -137,6 +137,25 @@ def test_plastic_cells_stretch_before_they_part(elastic):
     assert table["circularity"][-1] < table["circularity"][0] - 0.02
 
 
+def test_a_plastic_tissue_bears_less(elastic):
+    """The stress of the elastic one, to the bit, until a hinge yields; less after, still unbroken.
+
+    Its energy balance holds, with most of the work lost by yielding, to 1e-4 of the work.
+    """
+    run = finished(point({"yield_moment": 0.05}, shear={"strain": 0.12}, record={"rows": 120}))
+    table, other = run.columns(), elastic.columns()
+    stress, larger = pulled(table), pulled(other)
+    first = int((table["lost_by_yield"] > 0.0).argmax())
+    broken = int((table["links_broken"] + other["links_broken"] > 0.0).argmax())
+    assert 3 < first < broken - 10
+    assert np.array_equal(stress[:first], larger[:first])
+    yielded = slice(first + 3, broken)
+    assert np.all(stress[yielded] < larger[yielded])
+    assert stress[broken - 1] < 0.85 * larger[broken - 1]
+    assert table["lost_by_yield"][-1] > 0.5 * table["work"][-1]
+    assert run.summary()["measured"]["energy_missing_ratio"] < 1e-4
+
+
 def test_a_criterion_of_energies_breaks_interfaces():
     links = {"strength": None, "toughness": 0.02}
     run = finished(point({"links": links}, shear={"strain": 0.05}))
@@ -207,6 +226,8 @@ def test_impossible_studies(text, message, tmp_path):
 def test_links_that_cannot_be(tmp_path):
     for links, message in (
         ("{strength: 1, toughness: 1}", "give one, and null for the other"),
+        ("{strength: null, toughness: 1, exponent: 3}", "exponent has no effect on links that"),
+        ("{strength: null, toughness: 1, shear_strength: 2}", "shear_strength has no effect on"),
         ("{}", "only a tissue has links"),
         ("{strength: -1}", "greater than 0"),
     ):

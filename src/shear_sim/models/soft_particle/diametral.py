@@ -30,6 +30,7 @@ class Diametral(Scenario):
         self.unit = scales(model, packing.vertices, packing.radius)
         body = ring_body(model, packing.vertices, packing.radius)
         self.radius, self.modulus = packing.radius, model.young_modulus
+        self.fold = shear.fold_ratio(packing.vertices)
         self.half = packing.radius * math.cos(math.pi / packing.vertices)  # b₀/2
         place = -(self.half + body.radius)
         self.system = System(
@@ -135,6 +136,7 @@ class Diametral(Scenario):
             "energy_missing_ratio": np.abs(table["energy_missing"]).max() / work,
             "drag_ratio": table["lost_by_drag"][top] / work,
             "kinetic_ratio": kinetic.max(),
+            "fold_ratio": self.fold,
         }
         found |= self._contact_line(table, top)
         if self.strokes == 2:

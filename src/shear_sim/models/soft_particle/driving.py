@@ -1,10 +1,13 @@
 """What is done to soft particles: the section ``shear`` of a study."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from shear_sim.schema import PERCENT, Impossible, Section, default_kind
+
+FLAT = 0.2822  # ε from where on an elastic ring is flat at its plates, and folds between them
 
 
 class DiametralCompression(Section):
@@ -30,6 +33,15 @@ class DiametralCompression(Section):
     def strokes(self) -> int:
         """One, or there and back."""
         return 2 if self.unload else 1
+
+    def fold_ratio(self, vertices: int) -> float:
+        """Return ℓ / half the gap between the plates at the largest ε, 2 tan(π/N)/(1 − ε).
+
+        Half the gap is about the radius of the two folds of a ring. 0, if it does not fold.
+        """
+        if self.compression <= FLAT:
+            return 0.0
+        return 2.0 * math.tan(math.pi / vertices) / (1.0 - self.compression)
 
 
 class Bending(Section):

@@ -22,6 +22,7 @@ from shear_sim.models.soft_particle.driving import (
 )
 from shear_sim.models.soft_particle.free_ring import Pressed, Vibrating
 from shear_sim.models.soft_particle.parameters import (
+    FINE,
     SoftParticle,
     SoftParticlePacking,
     SoftParticlePoint,
@@ -33,12 +34,14 @@ from shear_sim.models.soft_particle.tension import Puller
 from shear_sim.protocol import snapshot_rows
 from shear_sim.streams import Streams
 
-#: Flags of a run: what is measured of it, and what is too much. Runs that are to be slow have the
-#: last two: an inertial stress of 3 % of that of a box, and forces that are some percent too large.
+#: Flags of a run: what is measured of it, and what is too much. Runs that are to be slow have
+#: inertia and drag: an inertial stress of 3 % of that of a box, and forces that are some percent
+#: too large. Those of coarse rings are as much too small.
 FLAGS = {
     "energy_missing": ("energy_missing_ratio", 1e-4),
     "inertia": ("kinetic_ratio", 0.02),
     "drag": ("drag_ratio", 0.01),
+    "coarse": ("fold_ratio", FINE),
 }
 
 

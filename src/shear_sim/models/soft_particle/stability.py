@@ -30,6 +30,15 @@ def squared_frequency(
     return (4.0 * stretch + 16.0 * bend / length**2 + 2.0 * CONTACTS * contact + core) / mass
 
 
+def squared_wall_frequency(contact: float, touching: int, mass: float) -> float:
+    """Return a bound ω² [1/s²] of a wall that moves by itself, with ``touching`` vertices at it.
+
+    ω² M = 3/2 · 2 k_n each. With the displacements u of a vertex and w of the wall,
+    2 k_n (u − w)² ≤ 6 k_n u² + 3 k_n w², of which the first is less than the bound of a chain has.
+    """
+    return 3.0 * contact * touching / mass
+
+
 def damping_rate(
     stretch: float, bend: float, length: float, contact: float, drag: float, mass: float
 ) -> float:

@@ -25,6 +25,7 @@ from shear_sim.models.soft_particle.stability import (
     damped_share,
     damping_rate,
     squared_frequency,
+    squared_wall_frequency,
 )
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
@@ -67,29 +68,32 @@ SHORT, LONG = 50, 200  # steps that lists last, under which the next have more r
 
 def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
     """Return a bound ω [1/s] on all frequencies, the largest of all chains, see ``stability``."""
-    highest = 0.0
-    for p in range(len(chains.closed)):
-        part = slice(chains.start[p], chains.start[p + 1])
-        core = 0.0
-        if chains.core_law[p] != HOLLOW:
-            px, py = x[part], y[part]
-            slope = 0.25 * (
-                (np.roll(px, -1) - np.roll(px, 1)) ** 2 + (np.roll(py, -1) - np.roll(py, 1)) ** 2
-            )
-            rest = abs(float(chains.core_pressure[p]))
-            if chains.core_law[p] == GAS:
-                modulus = rest
-            elif chains.core_law[p] == DRAINED:
-                modulus = 0.0
-            else:
-                modulus = float(chains.core_stiffness[p])
-            core = modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
-        squared = squared_frequency(
-            float(chains.stretch_stiffness[part].max()), float(chains.bend_stiffness[part].max()),
-            float(chains.rest_length[part].min()), stiffness, core, float(chains.mass[part].min()),
-        )  # fmt: skip
-        highest = max(highest, squared)
-    return math.sqrt(highest)
+    every = range(len(chains.closed))
+    return max(frequency_of(chains, p, x, y, stiffness) for p in every)
+
+
+def frequency_of(chains: Chains, p: int, x: FloatArray, y: FloatArray, stiffness: float) -> float:
+    """Return the bound ω [1/s] of chain ``p``."""
+    part = slice(chains.start[p], chains.start[p + 1])
+    core = 0.0
+    if chains.core_law[p] != HOLLOW:
+        px, py = x[part], y[part]
+        slope = 0.25 * (
+            (np.roll(px, -1) - np.roll(px, 1)) ** 2 + (np.roll(py, -1) - np.roll(py, 1)) ** 2
+        )
+        rest = abs(float(chains.core_pressure[p]))
+        if chains.core_law[p] == GAS:
+            modulus = rest
+        elif chains.core_law[p] == DRAINED:
+            modulus = 0.0
+        else:
+            modulus = float(chains.core_stiffness[p])
+        core = modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
+    squared = squared_frequency(
+        float(chains.stretch_stiffness[part].max()), float(chains.bend_stiffness[part].max()),
+        float(chains.rest_length[part].min()), stiffness, core, float(chains.mass[part].min()),
+    )  # fmt: skip
+    return math.sqrt(squared)
 
 
 def highest_damping(chains: Chains, drag: float, contact: float) -> float:
@@ -135,6 +139,8 @@ class System:
         If a body is none, or where another one is.
     ValueError
         If a number or a wall means nothing, a body is behind one, or the step is not stable.
+    SimulationError
+        If a wall is too light for the step and for what touches it, here or later.
     """
 
     def __init__(
@@ -175,12 +181,13 @@ class System:
             drag,
             0.0,
         )
-        if step is None:
-            step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
-        self._check_step(step, self.stable_step)
-        self.rules = self.rules._replace(step=step)
         table = np.array([tuple(wall) for wall in walls], float).reshape(-1, 8)
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
+        if step is None:
+            step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
+            step = min([step, *(LARGEST * self._wall_step(w) for w in self._free_walls())])
+        self._check_step(step, self.stable_step)
+        self.rules = self.rules._replace(step=step)
         self.springs = springs(vertices, len(table))
         self.strips = divide(self.chains, len(table))
         strips = len(self.strips.status)
@@ -384,14 +391,27 @@ class System:
         Raises
         ------
         ValueError
-            If it has no core: that of one without stiffness is ``Core("drained")``.
+            If it has no core: that of one without stiffness is ``Core("drained")``; or if the step
+            is not stable with this pressure.
         """
         self._closed(p)
         (positive if self.chains.core_law[p] == GAS else finite)(pressure=pressure)
         if self.chains.core_law[p] == HOLLOW:
             msg = f"particle {p} has no core to be pressed: Core('drained'), say"
             raise ValueError(msg)
+        before = float(self.chains.core_pressure[p])
         self.chains.core_pressure[p] = pressure
+        # A step may be nine tenths of the longest, and the bound changes a little with the shape.
+        m, chains, stiffness = self.motion, self.chains, self.rules.stiffness
+        stable = 2.0 / frequency_of(chains, p, m.x, m.y, stiffness)
+        longest = self.longest_step(stable) / LARGEST
+        if self.rules.step > longest:
+            self.chains.core_pressure[p] = before
+            msg = (
+                f"pressure = {pressure:g} Pa makes the step of {self.rules.step:g} s unstable: "
+                f"steps of {at_most(longest)} s at most"
+            )
+            raise ValueError(msg)
         self._forces(self.rules._replace(step=0.0))
 
     def area(self, p: int) -> float:
@@ -425,6 +445,24 @@ class System:
         """
         stable = self.stable_step if stable_step is None else stable_step
         return stable * min(LARGEST, self._damped_share(stable))
+
+    def _free_walls(self) -> list[int]:
+        """Return the walls that move by themselves."""
+        return list(map(int, np.flatnonzero(self.walls.mass)))
+
+    def _touching(self, w: int) -> int:
+        """Return how many vertices touch wall ``w`` now."""
+        m, walls = self.motion, self.walls
+        height = m.x * walls.nx[w] + m.y * walls.ny[w] - walls.position[w]
+        return int((height < self.chains.radius[self.chains.chain]).sum())
+
+    def _wall_step(self, w: int) -> float:
+        """Return the longest step [s] that is stable with wall ``w`` and what touches it now."""
+        mass = float(self.walls.mass[w])
+        touching = max(1, self._touching(w))
+        squared = squared_wall_frequency(self.rules.stiffness, touching, mass)
+        rate = float(self.walls.damping[w]) / mass
+        return 2.0 / math.sqrt(squared) * damped_share(squared, rate)
 
     def _check_step(self, step: float, stable_step: float) -> None:
         longest = self.longest_step(stable_step)
@@ -475,10 +513,21 @@ class System:
                 f"larger model.contact_stiffness, {SHORTER}{self._damped()}"
             )
         else:
-            problem = misshapen(self.chains, m.x, m.y)
+            problem = self._unstable_wall() or misshapen(self.chains, m.x, m.y)
         if problem:
             msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
             raise SimulationError(msg)
+
+    def _unstable_wall(self) -> str:
+        """Return what is wrong where a wall is too light for what touches it."""
+        for w in self._free_walls():
+            stable = self._wall_step(w)
+            if self.rules.step > stable:
+                return (
+                    f"wall {w} is too light to move by itself with {self._touching(w)} vertices at "
+                    f"it: a larger mass, or steps of {at_most(stable)} s at most"
+                )
+        return ""
 
     def _damped(self) -> str:
         """Return what to do where dashpots may be what makes the step unstable."""

@@ -49,6 +49,7 @@ from shear_sim.study import Job
 from shear_sim.tables import read_table, write_table
 
 SIZES = {150: 5000, 1024: 1500, 4096: 400, 16384: 100, 100_000: 30}  # discs: steps
+TURN = 10  # so many times these with one and two threads
 FIRST = 1024  # exponents of growth are from here
 FRACTIONS = (1.5, 0.9)
 # particleShear 1.0.2, N = 150, on another machine: steps of the shear of a default job (of 17,364
@@ -226,14 +227,16 @@ def one_size(discs: int, fraction: float, rounds: int, out: Path) -> None:
 def threads(rounds: int, _: Path) -> Iterator[Row]:
     """Wall time of the same steps with one thread and with two, turn by turn.
 
-    The fastest of many short turns: a core that another guest of the machine takes for a while
-    stops both threads, so that medians say more about the guests.
+    The fastest of many turns: a core that another guest of the machine takes for a while stops both
+    threads, so that medians say more about the guests. A turn takes about as long as the program
+    lets a simulation run at once: to divide its list of pairs and to join it again takes
+    milliseconds at each turn.
     """
     for fraction in FRACTIONS:
         for discs in (size for size in (4096, 16384) if size in SIZES):
-            steps = SIZES[discs]
+            steps = TURN * SIZES[discs]
             took = []
-            for _round in range(6 * rounds + 1):
+            for _round in range(3 * rounds + 1):
                 row = {}
                 for number in (1, 2):
                     simulation = scenes.common(discs, fraction)
@@ -379,14 +382,12 @@ def start(rounds: int, _: Path) -> Iterator[Row]:
         "from shear_sim.models.microgel import compile_for, parameters as p;"
         "compile_for([p.MicrogelPoint()])"
     )
-    with tempfile.TemporaryDirectory() as cache:
-        cold = run("-c", kernels, SHEAR_SIM_CACHE=cache)
-        warm = run("-c", kernels, SHEAR_SIM_CACHE=cache)
-    yield (
-        "first compilation of a default study",
-        f"{cold:.0f} s",
-        f"then {warm:.1f} s from the cache",
-    )
+    published = ("-m", "shear_sim", "compile", str(PUBLISHED))
+    for what, arguments in (("a default study", ("-c", kernels)), (PUBLISHED.name, published)):
+        with tempfile.TemporaryDirectory() as cache:
+            cold = run(*arguments, SHEAR_SIM_CACHE=cache)
+            warm = run(*arguments, SHEAR_SIM_CACHE=cache)
+        yield f"first compilation of {what}", f"{cold:.0f} s", f"then {warm:.1f} s from the cache"
 
 
 def peak_memory() -> float:

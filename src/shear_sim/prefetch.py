@@ -8,7 +8,7 @@ from numba.extending import intrinsic
 
 
 def _prefetch(_typing: Any, array: Any, index: Any) -> Any:
-    """Have the cache line of ``array[index]`` brought to the second-level cache, in kernels only.
+    """Have the cache line of ``array[index]`` brought to the first-level cache, in kernels only.
 
     Nothing waits for it and no number depends on it. Processors guess what is read next only where
     it lies in one piece of some kilobytes.
@@ -20,8 +20,8 @@ def _prefetch(_typing: Any, array: Any, index: Any) -> Any:
         number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, number, number, number])
         hint = builder.module.declare_intrinsic("llvm.prefetch", [cgutils.voidptr_t], kind)
-        to_read, second_level, data = number(0), number(2), number(1)
-        builder.call(hint, [address, to_read, second_level, data])
+        to_read, first_level, data = number(0), number(3), number(1)
+        builder.call(hint, [address, to_read, first_level, data])
         return context.get_dummy_value()
 
     return types.void(array, index), emit

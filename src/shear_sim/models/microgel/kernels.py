@@ -398,7 +398,8 @@ def contact_forces(
                 m = int(min(LANES, end - first))
                 row = first // LANES
                 table = pairs.table[row]
-                fetching = row + 1 < pairs.table.shape[0] > CACHED_ROWS
+                # As long as there is a whole block more.
+                fetching = first + 2 * LANES <= pairs.i.shape[0] > CACHED_ROWS * LANES
                 ahead = pairs.table[row + 1 if fetching else row][: PAIR_ROWS * LANES * fetching]
                 gather(
                     work.disc_rows, pairs.i, pairs.j, first, m, block, TANGENTIAL, record, ahead

@@ -42,19 +42,27 @@ CACHED_ROWS = 50
 #: Lines of the next one that are asked for with each octet of pairs, in `gather` and in `scatter`:
 #: all of them at once would be more than a processor can have on its way, and it would wait.
 LINES = PAIR_ROWS // 2
+#: So many numbers in rows of discs lie in the cache of one processor core: two megabytes.
+CACHED_NUMBERS = 2**18
+AHEAD = np.uint64(128)  # discs
 
 
 @jit(inner=True)
-def fetch(ahead: Floats, half: int, lane: int) -> None:
-    """Have some lines of a row brought near, with the octet of pairs from ``lane`` on.
+def fetch(
+    ahead: Floats, half: int, lane: int, rows: Floats, width: np.uint64, j: Unsigned, q: np.uint64
+) -> None:
+    """Have some of what the next block asks for brought near, with the octet from ``lane`` on.
 
-    ``half`` of the row: 0 or 1. Where pairs do not fit in the cache, to wait for them takes as long
-    as to work them out.
+    ``half``, 0 or 1, of its row ``ahead`` of ``Pairs.table``, and the ``rows`` of ``width`` numbers
+    of its second discs; ``q`` is the octet's first pair. First discs have been second ones before.
+    Where all that does not fit in the cache, to wait for it takes longer than to work on it.
     """
     if ahead.shape[0] > 0:
         first = half * (ahead.shape[0] // 2) + lane * LINES
         for n in range(LINES):
             prefetch(ahead, first + 8 * n)
+        for n in range(8):
+            prefetch(rows, j[q + np.uint64(LANES + n)] * width)
 
 
 @jit(inner=True)
@@ -74,6 +82,9 @@ def write_rows(discs: Discs, work: Work) -> None:
             multiply(radius, load_eight(work.pspin, a)), multiply(radius, load_eight(work.turn, a)),
             load_eight(work.lx, a), load_eight(work.ly, a),
         )  # fmt: skip
+        if rows.shape[0] > CACHED_NUMBERS:  # or what is written would have to be read first
+            for n in range(8):
+                prefetch(rows, (a + AHEAD + np.uint64(n)) * EIGHT)
         for n in range(8):
             store(rows, (a + np.uint64(n)) * EIGHT, octets[n])
     for a in range(whole, end):
@@ -101,7 +112,7 @@ def gather(
     """Write to ``block`` what lies between the discs of pairs ``first`` to ``first`` + ``m``.
 
     ``rows``: what `write_rows` wrote. What rims do matters to ``turning`` discs only, and places in
-    the cell to a ``record``. ``ahead``: what to `fetch` meanwhile.
+    the cell to a ``record``. ``ahead``: the next block's row, to `fetch` meanwhile, or nothing.
     """
     at = np.uint64(first)
     whole = m - m % 8
@@ -117,7 +128,7 @@ def gather(
         store(block, DY + s, dy)
         store(block, CX + s, cx)
         store(block, CY + s, cy)
-        fetch(ahead, 0, s)
+        fetch(ahead, 0, s, rows, EIGHT, j, q)
         if turning:
             store(block, RIMS + s, rims)
             store(block, ROLLED + s, rolled)
@@ -160,7 +171,7 @@ def scatter(
         twist = load(block, TWIST + s) if turning else none
         f, g, h, k = transpose(load(block, FX + s), load(block, FY + s), twist, none)
         if s % 8 == 0:
-            fetch(ahead, 1, s)
+            fetch(ahead, 1, s, rows, FOUR, j, q)
         push(rows, i[q], j[q], f)
         push(rows, i[q + ONE], j[q + ONE], g)
         push(rows, i[q + TWO], j[q + TWO], h)

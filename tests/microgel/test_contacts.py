@@ -17,10 +17,12 @@ from scenes import (
 )
 
 from shear_sim.models.microgel import laws, motion
-from shear_sim.models.microgel.parameters import Damping, Links
-from shear_sim.models.microgel.state import OPEN, SLIDE, SPRING, STICK, set_column
-from shear_sim.packing import Cell
+from shear_sim.models.microgel.parameters import Damping, Links, MicrogelPoint
+from shear_sim.models.microgel.preparation import prepare
+from shear_sim.models.microgel.state import COUNT, OPEN, SLIDE, SPRING, STICK, set_column
+from shear_sim.packing import Cell, Packing
 from shear_sim.protocol import OscillatoryShear
+from shear_sim.streams import Streams
 
 # A pair of unit discs at distance 1.6 along x; k = 1, so the elastic force is 0.4.
 K, KT, MU, OVERLAP = 1.0, 2.0, 0.5, 0.4
@@ -171,6 +173,19 @@ def test_a_contact_that_opens_forgets():
     assert s.pairs.state[0] == OPEN
     s.discs.x[1] = 1.6
     assert evaluate(s).force[0, 1] == 0
+
+
+def test_pairs_that_may_have_touched_are_worked_out_until_the_next_list():
+    """Strain that swings back lets no pair go: it would keep its spring, and not know it opens."""
+    shear = OscillatoryShear(strain_amplitude=0.1, periods=2)
+    s = prepare(MicrogelPoint(packing=Packing(discs=40), shear=shear), Streams(1, 0))
+    counts = []
+    while s.done < s.rows:
+        s.advance(1)
+        counts.append(s.contacts.strips[:, COUNT].sum())
+    assert s.work.strain0[0] == 0, "a new list was made: a smaller amplitude"
+    assert (np.diff(counts) >= 0).all()
+    assert counts[-1] > counts[0]
 
 
 @pytest.mark.parametrize("may_pull", [True, False])

@@ -26,6 +26,8 @@ from soft_diametral import (
     SLOWER,
     THICKNESS,
     THINNER,
+    YIELD,
+    Run,
     borne,
     compress,
     crushed,
@@ -49,6 +51,7 @@ TESTS = {
     "dashpots and friction of walls: closed forms": "test_dashpots.py",
     "what a study keeps of a run, from tables made by hand": "test_measured.py",
     "a lid under a load": "test_compaction.py -k load",
+    "bars that yield: under a pressure, and too far": "-k bars_yield or bars_that_yield",
     "guards: passing through, inside out, folded, crushed": "test_contacts.py -k stops",
     "bad input": "-k impossible or refused or unstable or none_are or test_checks or test_steps",
     "tissue: tessellation, links, energies": "-k tissue or tension or link",
@@ -86,10 +89,12 @@ def single_rings(results: Path) -> None:
         row(f"flat contact: onset, {what}", f"{ONSET} ± 0.01", f"{onset:.4f}",
             abs(onset - ONSET) < 0.01)  # fmt: skip
         row(f"flat contact: slope, {what}", "2.188", f"{slope:.3f}", abs(slope - 2.188) < 0.05)
-    missing = np.abs(run.table["energy_missing"]).max() / run.table["work"].max()
-    row("energy missing, single ring", "1e-6", f"{missing:.1e}", missing < 1e-6)
+    energies("elastic ring", run)
+    plastic = compress(0.352, 0.01, 176, unload=True, core_ratio=100.0, yield_moment=YIELD)
+    energies("plastic ring, core η = 100, there and back", plastic)
     for eta in (1.0, 100.0):
         run = compress(0.352, 0.01, 88, core_ratio=eta)
+        energies(f"core η = {eta:g}", run)
         at = np.array([0.25, 0.3, 0.35])
         values = {name: run.loading(name, at) for name in run.table}
         contact, whole = stadium(eta, at)
@@ -113,6 +118,11 @@ def single_rings(results: Path) -> None:
     row("plastic ring: change of F at a quarter of the speed", f"{100 * SLOWER:g} %", change,
         found.change < SLOWER)  # fmt: skip
     row("plastic ring: V/V₀", "0.004", f"{area:.4f}", area < 0.004)
+
+
+def energies(what: str, run: Run) -> None:
+    missing = np.abs(run.table["energy_missing"]).max() / run.table["work"].max()
+    row(f"{what}: energy missing / work", "1e-6", f"{missing:.1e}", missing < 1e-6)
 
 
 def packs(results: Path) -> None:

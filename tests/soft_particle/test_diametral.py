@@ -258,3 +258,25 @@ def test_impossible_studies(text, message, tmp_path):
     content = content.replace("model: {", "model: {kind: soft_particle, ").replace(", }", "}")
     with pytest.raises(StudyError, match=message):
         read_study(content.encode(), tmp_path / "study.yaml")
+
+
+@pytest.mark.parametrize(
+    ("damping", "message"),
+    [(0.2, "yielded to 0.4.* of its length needs steps of .* at most"), (0.0, "has 0.[12]")],
+)
+def test_bars_that_yield_too_far_stop_a_run(damping, message):
+    """A short bar is stiff against its hinges, 16 k_b/ℓ²: steps that were stable explode."""
+    simulation = soft_particle.start(
+        point(
+            vertices=48,
+            model={"thickness": 0.05, "yield_force": 2e-4, "damping": damping},
+            shear={"compression": 0.5, "relative_rate": 0.02},
+            record={"rows": 50},
+        ),
+        Streams(0, 0),
+    )
+    with pytest.raises(SimulationError, match=message):
+        simulation.advance(100)
+    table = simulation.columns()
+    assert table["compression"][-1] > 0.15  # after the first yield
+    assert np.abs(table["energy_missing"]).max() < 1e-6 * table["work"].max()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from soft_particles import finished, points
 
-from shear_sim.models.soft_particle.simulation import FLAGS
+from shear_sim.models.soft_particle.simulation import FLAGS, MISSING_ALONE, flags_of
 
 
 @pytest.mark.parametrize("flag", FLAGS)
@@ -13,11 +13,19 @@ def test_a_flag_is_up_beyond_its_limit(flag):
     shear = {"kind": "vibration", "periods": 2}
     simulation = finished(points(packing={"vertices": 12}, model={}, shear=shear)())
     name, limit = FLAGS[flag]
+    limit = MISSING_ALONE if flag == "energy_missing" else limit
     for value, up in ((0.99 * limit, False), (1.01 * limit, True), (np.nan, True)):
         simulation.run.measured = lambda _, value=value: {name: value, "final_strain": 9.0}
         assert simulation.summary()["flags"] == {flag: up}
     simulation.done -= 1  # not at its end yet
     assert simulation.summary()["flags"] == {}
+
+
+def test_a_pack_may_miss_more_energy_than_a_single_chain():
+    """1e-4 of the work, and 1e-6."""
+    for missing, alone, up in ((9e-7, True, False), (2e-6, True, True), (2e-6, False, False)):
+        flags = flags_of({"energy_missing_ratio": missing}, alone=alone)
+        assert flags == {"energy_missing": up}
 
 
 PLATES = points(

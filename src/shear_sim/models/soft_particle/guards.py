@@ -8,22 +8,35 @@ from shear_sim.cell import Floats
 from shear_sim.models.soft_particle.state import Chains
 
 SHARPEST = 0.95 * math.pi  # turning angle of a hinge that counts as folded
-SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths / rest length, area / area at the start
+SHRUNK, STRETCHED, EMPTY = 0.2, 5.0, 0.02  # lengths and area / those at the start
 
 
-def misshapen(chains: Chains, x: Floats, y: Floats) -> str:
-    """Return what is wrong with the first particle that is no ring or chain, or nothing."""
+def differences(chains: Chains, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return where the next vertex of each chain is from each, (V,) [m]; 0 after the last."""
     ahead = np.where(chains.after >= 0, chains.after, np.arange(len(x)))
-    ex, ey = x[ahead] - x, y[ahead] - y
+    return x[ahead] - x, y[ahead] - y
+
+
+def misshapen(chains: Chains, first_length: Floats, x: Floats, y: Floats) -> str:
+    """Return what is wrong with the first particle that is no ring or chain, or nothing.
+
+    ``first_length`` (V,): rest lengths [m] at the start. Those of now move where bars yield.
+    """
+    ahead = np.where(chains.after >= 0, chains.after, np.arange(len(x)))
+    ex, ey = differences(chains, x, y)
     long = np.hypot(ex, ey)
-    length = long / chains.rest_length
+    length = long / first_length
     bars = chains.after >= 0
     wrong = np.flatnonzero(bars & ((length < SHRUNK) | (length > STRETCHED)))
     if len(wrong):
         k = int(wrong[0])
+        stronger = (
+            "larger yield_force" if np.isfinite(chains.stretch_yield[chains.chain[k]])
+            else "larger stretch stiffness"
+        )  # fmt: skip
         return (
-            f"particle {chains.chain[k]}: a segment has {length[k]:.3g} of its rest length: "
-            "a larger stretch stiffness, or less load"
+            f"particle {chains.chain[k]}: a segment has {length[k]:.3g} of its rest length at the "
+            f"start: a {stronger}, or less load"
         )
     hinges = bars & (chains.before >= 0)
     back = np.where(hinges, chains.before, 0)

@@ -13,7 +13,7 @@ from shear_sim.models.soft_particle.balance import Budget
 from shear_sim.models.soft_particle.bodies import Body, assemble
 from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
-from shear_sim.models.soft_particle.guards import misshapen
+from shear_sim.models.soft_particle.guards import differences, misshapen
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
 from shear_sim.models.soft_particle.links import glue, link_energy, no_links
 from shear_sim.models.soft_particle.motion import march
@@ -167,6 +167,7 @@ class System:
             msg = "a cell has no walls: leave one of both out, or hold vertices instead"
             raise ValueError(msg)
         check_walls(walls, self.chains.chain, self.motion.x, self.motion.y)
+        self._first_length = self.chains.rest_length.copy()
         self.stable_step = 2.0 / highest_frequency(
             self.chains, self.motion.x, self.motion.y, stiffness
         )
@@ -513,7 +514,11 @@ class System:
                 f"larger model.contact_stiffness, {SHORTER}{self._damped()}"
             )
         else:
-            problem = self._unstable_wall() or misshapen(self.chains, m.x, m.y)
+            problem = (
+                self._unstable_wall()
+                or misshapen(self.chains, self._first_length, m.x, m.y)
+                or self._unstable_bar()
+            )
         if problem:
             msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
             raise SimulationError(msg)
@@ -528,6 +533,32 @@ class System:
                     f"it: a larger mass, or steps of {at_most(stable)} s at most"
                 )
         return ""
+
+    def _unstable_bar(self) -> str:
+        """Return what is wrong where a bar that has yielded is too short for the step.
+
+        Hinges and their dashpots pull the harder at its ends, as 1/ℓ², see ``stability``.
+        """
+        chains, first = self.chains, self._first_length
+        yields = np.isfinite(chains.stretch_yield[chains.chain]) & (chains.after >= 0)
+        if not yields.any():
+            return ""
+        length = np.hypot(*differences(chains, self.motion.x, self.motion.y))
+        gone = np.where(yields, 1.0 / np.where(yields, length, 1.0) ** 2 - 1.0 / first**2, 0.0)
+        harder = 16.0 * np.maximum(gone, 0.0) / chains.mass
+        hinges = np.maximum(chains.bend_stiffness, chains.bend_stiffness[chains.after])
+        squared = (2.0 / self.stable_step) ** 2 + float((harder * hinges).max())
+        rate = highest_damping(chains, self.rules.drag, 0.0)
+        rate += float((harder * chains.bend_damping[chains.chain]).max())
+        longest = 2.0 / math.sqrt(squared) * damped_share(squared, rate)
+        if self.rules.step <= longest:
+            return ""
+        k = int((harder * hinges).argmax())
+        return (
+            f"particle {chains.chain[k]}: a segment that has yielded to {length[k] / first[k]:.3g} "
+            f"of its length needs steps of {at_most(longest)} s at most: a larger yield_force, "
+            "less load, or such steps"
+        )
 
     def _damped(self) -> str:
         """Return what to do where dashpots may be what makes the step unstable."""

@@ -36,7 +36,7 @@ def draw(table: pd.DataFrame, machine: limit.Machine, stem: Path) -> None:
             least = 1e9 * np.array(
                 [limit.step_limit(machine, n, p) for n, p in zip(grid, pairs, strict=True)]
             )
-            panel.plot(grid, least[:, 0], color="k", label="least: instructions")
+            panel.plot(grid, least[:, 0], color="k", label="least: instructions of forces")
             panel.plot(grid, least[:, 1], color="k", linestyle="--", label="one after the other")
             panel.plot(grid, least[:, 2], color="k", linestyle=":", label="least: memory")
             panel.set(xscale="log", yscale="log", xlabel="discs $N$", ylim=(1, None))

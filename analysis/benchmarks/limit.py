@@ -6,8 +6,8 @@ Per pair: divisions and roots (8 at once with AVX-512), other vector operations,
 eight numbers whose differences are taken, and of four that are added to, where pairs meet discs. A
 processor can do these three at the same time: the longest of them is the least time. One after the
 other is what loops of their own, as ours, take if they never wait. Per disc: every array once
-through memory, or as often as our loops over discs (`parts.py` times them) go through it. Counts
-are those of our method; another method has others.
+through memory; our loops over discs, which `parts.py` times, go through it more often. Counts are
+those of our method, without records; another method has others.
 """
 
 import argparse
@@ -32,9 +32,6 @@ DIFFERENCES, SUMS = 1, 2
 # Bytes that a step goes through: of a pair its table (10 numbers) and two indices, of a disc 35
 # numbers. What is written goes both ways: 5 of the table, 29 of a disc.
 PAIR_BYTES, PAIR_WRITTEN, DISC_BYTES, DISC_WRITTEN = 8 * 10 + 8, 8 * 5, 8 * 35, 8 * 29
-# Loop after loop goes through these numbers of a disc: 80 that are read, 37 that are written, of
-# which 24 are not read before by the same loop, but by the processor.
-DISC_LOOPS = 8 * (80 + 24 + 37)
 REPEATS = 15
 
 
@@ -149,10 +146,8 @@ def measure() -> Machine:
     )
 
 
-def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, float, float, float]:
+def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, float, float]:
     """Return times of a step per disc [s]: the least one, one thing after the other, and memory's.
-
-    The last two are of what goes through memory once, and loop after loop over discs.
 
     Parameters
     ----------
@@ -166,9 +161,8 @@ def step_limit(machine: Machine, discs: float, pairs: float) -> tuple[float, flo
     )
     size = discs * (PAIR_BYTES * pairs + DISC_BYTES)
     byte = float(np.interp(np.log(size), np.log(machine.sizes), machine.byte))
-    of_pairs = (PAIR_BYTES + PAIR_WRITTEN) * pairs
-    once, again = (byte * (of_pairs + own) for own in (DISC_BYTES + DISC_WRITTEN, DISC_LOOPS))
-    return pairs * max(parts), pairs * sum(parts), once, again
+    moved = (PAIR_BYTES + PAIR_WRITTEN) * pairs + DISC_BYTES + DISC_WRITTEN
+    return pairs * max(parts), pairs * sum(parts), moved * byte
 
 
 if __name__ == "__main__":
@@ -179,8 +173,8 @@ if __name__ == "__main__":
     for size, byte in zip(found.sizes, found.byte, strict=True):
         print(f"{size / 2**20:8.3f} MB {1e-9 / byte:6.1f} GB/s")
     for discs in (150, 1024, 16384, 100_000):
-        least, in_turn, once, again = (1e9 * t for t in step_limit(found, discs, 3.3))
+        least, in_turn, memory = (1e9 * t for t in step_limit(found, discs, 3.3))
         print(
             f"{discs:7d} discs {least:5.1f} ns a disc, one after the other {in_turn:5.1f} ns, "
-            f"memory {once:5.1f} ns, loop after loop {again:5.1f} ns"
+            f"memory {memory:5.1f} ns"
         )

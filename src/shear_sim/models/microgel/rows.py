@@ -42,8 +42,8 @@ CACHED_ROWS = 50
 #: Lines of the next one that are asked for with each octet of pairs, in `gather` and in `scatter`:
 #: all of them at once would be more than a processor can have on its way, and it would wait.
 LINES = PAIR_ROWS // 2
-#: So many numbers in rows of discs lie in the cache of one processor core: two megabytes.
-CACHED_NUMBERS = 2**18
+#: So many numbers in rows of discs lie in the cache of one processor core: a megabyte.
+CACHED_NUMBERS = 2**17
 AHEAD = np.uint64(128)  # discs
 
 

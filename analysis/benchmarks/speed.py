@@ -13,9 +13,9 @@ the same steps from the same start, turn by turn, and record their stress at eve
 text; a figure is the median over rounds, a ratio the median of the rounds' ratios; of lists and
 threads the fastest turn counts. Of many discs the first eighth of a period is timed only, in which
 the shear is fastest: LAMMPS makes a list every 10 to 150 steps there, we make none, but work out
-ever more of the pairs on ours. LAMMPS is timed as the difference to a run without steps. In --out (default:
-results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and speed.md, the table
-(speed-PART.md of one part).
+ever more of the pairs on ours. LAMMPS is timed as the difference to a run without steps. In --out
+(default: results/benchmarks) are growth.csv, of which fig_growth.py makes a figure, and speed.md,
+the table (speed-PART.md of one part).
 """
 
 import argparse

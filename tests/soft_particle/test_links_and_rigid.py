@@ -272,3 +272,38 @@ def test_a_rigid_bar_falls_and_turns_as_a_body():
     assert s.rigid.spin[0] == pytest.approx(1e-3 / 4.0 * t, rel=1e-3)
     b = s.budget()
     assert b.kinetic == pytest.approx(b.by_forces, rel=1e-3)
+
+
+def test_more_rigid_particles_later():
+    """The first ones stay so, and all keep their momenta."""
+    s = system(*(ring(8, x=3.0 * k) for k in range(3)))
+    s.motion.vx[:] = 0.01
+    s.make_rigid(np.array([2]))
+    s.make_rigid(np.array([0, 2]))
+    s.begin()
+    assert list(s.rigid.chain) == [2, 0]
+    x, p = s.motion.x.copy(), momentum(s)
+    s.advance(20)
+    assert s.motion.x - x == pytest.approx(0.01 * s.time)
+    assert momentum(s) == pytest.approx(p, abs=1e-14)
+
+
+def test_rigid_particles_named_twice():
+    s = system(ring(8))
+    with pytest.raises(ValueError, match="particles names 0 more than once"):
+        s.make_rigid(np.array([0, 0]))
+    assert len(s.rigid.chain) == 0
+
+
+def test_no_vertex_is_held_and_of_a_rigid_particle():
+    s = system(ring(8), ring(8, x=3.0))
+    s.make_rigid(np.array([1]))
+    with pytest.raises(ValueError, match="vertex 9 of particle 1 cannot be held where the parti"):
+        s.hold(np.array([2, 9]))
+    assert s.motion.free_x[:8].all()
+    s.hold(np.array([2]), vx=None)
+    with pytest.raises(ValueError, match="vertex 2 of particle 0 cannot be held where the parti"):
+        s.make_rigid(np.array([0]))
+    assert list(s.rigid.chain) == [1]
+    s.hold(np.array([2]), vx=None, vy=None)
+    s.make_rigid(np.array([0]))

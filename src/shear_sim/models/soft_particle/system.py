@@ -340,11 +340,17 @@ class System:
         """Impose the velocity [m/s] of ``vertices``, in x, y or both (None: free).
 
         Call ``begin`` afterwards, if an energy balance is wanted.
+
+        Raises
+        ------
+        ValueError
+            If there is no such vertex, it is of a rigid particle, or a velocity is not finite.
         """
         motion = self.motion
         places(len(motion.x), vertices=vertices)
         imposed = {"vx": vx, "vy": vy}
         finite(**{name: value for name, value in imposed.items() if value is not None})
+        self._not_both(np.asarray(vertices), self.rigid.chain)
         for free, speeds, value in ((motion.free_x, motion.vx, vx), (motion.free_y, motion.vy, vy)):
             free[vertices] = 0.0 if value is not None else 1.0
             if value is not None:
@@ -356,9 +362,36 @@ class System:
         self.strips = self.strips._replace(held=first)
 
     def make_rigid(self, particles: IndexArray) -> None:
-        """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
+        """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``.
+
+        Those that are rigid already stay so; all take up the present velocities of their vertices.
+
+        Raises
+        ------
+        ValueError
+            If there is no such particle, one is named twice, or one has held vertices.
+        """
         places(len(self.chains.closed), particles=particles)
-        self.rigid = freeze_shapes(self.chains, self.motion, particles.astype(np.int32))
+        more = np.asarray(particles, np.int32)
+        named, times = np.unique(more, return_counts=True)
+        if (times > 1).any():
+            msg = f"particles names {named[times > 1][0]} more than once: name each once"
+            raise ValueError(msg)
+        self._not_both(self.held, more)
+        rigid = self.rigid.chain
+        both = np.concatenate([rigid, more[~np.isin(more, rigid)]])
+        self.rigid = freeze_shapes(self.chains, self.motion, both)
+
+    def _not_both(self, held: IndexArray, rigid: IndexArray) -> None:
+        """Refuse vertices that would be ``held``, and of one of the particles ``rigid``."""
+        both = held[np.isin(self.chains.chain[held], rigid)] if held.size else held
+        if both.size:
+            k = int(both.flat[0])
+            msg = (
+                f"vertex {k} of particle {self.chains.chain[k]} cannot be held where the particle "
+                "is rigid: hold all its vertices instead of make_rigid, or load them"
+            )
+            raise ValueError(msg)
 
     def glue(self, reach: float, **law: Any) -> None:
         """Link the particles within ``reach`` [m], see ``links.glue``; see ``hold`` for ``begin``.

@@ -163,6 +163,14 @@ def test_links_that_are_too_stiff_for_the_step():
     s.glue(0.01, normal=5.0, tangential=0.1)
 
 
+def test_links_are_not_replaced_by_others():
+    s = three_squares(0.0)
+    s.glue(0.01, normal=0.1, tangential=0.1, between=[(0, 1)])
+    with pytest.raises(ValueError, match="there are links already: glue all at once"):
+        s.glue(0.01, normal=0.1, tangential=0.1, between=[(1, 2)])
+    assert set(s.chains.chain[s.links.vertex]) <= {0, 1}
+
+
 def three_squares(gap):
     """The first two just touch, the third is ``gap`` away from the second."""
     places = (0.0, 2.1, 4.2 + gap)

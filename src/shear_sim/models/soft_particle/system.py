@@ -399,8 +399,12 @@ class System:
         Raises
         ------
         ValueError
-            If none are, or two that are to be linked are not, or the step is too long with links.
+            If none are, or two that are to be linked are not, or the step is too long with links,
+            or there are links already.
         """
+        if len(self.links.vertex):
+            msg = "there are links already: glue all at once, with a larger reach or more between"
+            raise ValueError(msg)
         links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
         highest = (2.0 / self.stable_step) ** 2
         # Two links at a vertex or segment, with at most 2 k each.

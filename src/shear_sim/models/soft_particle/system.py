@@ -56,6 +56,7 @@ from shear_sim.models.soft_particle.walls import Wall, check_walls
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
+Integers = NDArray[np.integer[Any]]
 
 FRACTION = 0.2  # of the longest stable step
 SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
@@ -214,6 +215,7 @@ class System:
         self.work.energy[:] = 0.0
         self.work.ledger[:] = 0.0
         self.walls.work[:] = 0.0
+        self._by_forces = self._by_pressure = 0.0
         self._x0, self._y0 = self.motion.x.copy(), self.motion.y.copy()
         self._at_start = 0.0
         self._at_start = self._stored_and_kinetic()
@@ -382,7 +384,7 @@ class System:
         both = np.concatenate([rigid, more[~np.isin(more, rigid)]])
         self.rigid = freeze_shapes(self.chains, self.motion, both)
 
-    def _not_both(self, held: IndexArray, rigid: IndexArray) -> None:
+    def _not_both(self, held: Integers, rigid: Integers) -> None:
         """Refuse vertices that would be ``held``, and of one of the particles ``rigid``."""
         both = held[np.isin(self.chains.chain[held], rigid)] if held.size else held
         if both.size:
@@ -416,14 +418,35 @@ class System:
         self.mail = mail(self.lists, self.strips)
 
     def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
-        """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
-        places(len(self.motion.x), vertices=vertices)
+        """Add a constant force [N/m] to each of ``vertices`` from now on.
+
+        The energy balance goes on: the work of each load is counted from its own start.
+
+        Raises
+        ------
+        ValueError
+            If there is no such vertex, or a force is not finite.
+        """
+        motion = self.motion
+        places(len(motion.x), vertices=vertices)
         finite(fx=fx, fy=fy)
-        self.motion.gx[vertices] += fx
-        self.motion.gy[vertices] += fy
+        kinetic = self.kinetic()
+        self._by_forces = self._work_of_forces()
+        self._x0, self._y0 = motion.x.copy(), motion.y.copy()
+        for imposed, force, added in ((motion.gx, motion.fx, fx), (motion.gy, motion.fy, fy)):
+            imposed[vertices] += added
+            force[vertices] += added
+        self._at_start += self.kinetic() - kinetic  # as that of (SP.9) is one of forces too
+
+    def _work_of_forces(self) -> float:
+        """Return the work [J/m] of imposed forces since ``begin``."""
+        m = self.motion
+        return self._by_forces + float((m.gx * (m.x - self._x0) + m.gy * (m.y - self._y0)).sum())
 
     def press(self, p: int, pressure: float) -> None:
         """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on.
+
+        What the core stores more or less by that at once is work ``by_pressure`` of the budget.
 
         Raises
         ------
@@ -436,7 +459,7 @@ class System:
         if self.chains.core_law[p] == HOLLOW:
             msg = f"particle {p} has no core to be pressed: Core('drained'), say"
             raise ValueError(msg)
-        before = float(self.chains.core_pressure[p])
+        before, stored = float(self.chains.core_pressure[p]), self._core_energy(p)
         self.chains.core_pressure[p] = pressure
         # A step may be nine tenths of the longest, and the bound changes a little with the shape.
         m, chains, stiffness = self.motion, self.chains, self.rules.stiffness
@@ -449,7 +472,13 @@ class System:
                 f"steps of {at_most(longest)} s at most"
             )
             raise ValueError(msg)
+        self._by_pressure += self._core_energy(p) - stored
+        kinetic = self.kinetic()
         self._forces(self.rules._replace(step=0.0))
+        self._at_start += self.kinetic() - kinetic  # as that of (SP.9) is one of forces too
+
+    def _core_energy(self, p: int) -> float:
+        return float(shell_energy(self.chains, self.motion.x, self.motion.y, p)[2])
 
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""
@@ -628,10 +657,8 @@ class System:
 
     def budget(self) -> Budget:
         """Return the energy balance since the start."""
-        motion, energy = self.motion, self.work.energy
-        forces = float(
-            (motion.gx * (motion.x - self._x0) + motion.gy * (motion.y - self._y0)).sum()
-        )
+        energy = self.work.energy
+        forces, pressure = self._work_of_forces(), self._by_pressure
         walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
         shear = float(energy[SHEARING])
         lost = (
@@ -640,8 +667,9 @@ class System:
         )  # fmt: skip
         kinetic, stored = self.kinetic(), self.stored()
         missing = (
-            walls + forces + imposed + shear - sum(lost) - kinetic - sum(stored) + self._at_start
+            walls + forces + imposed + shear + pressure - sum(lost) - kinetic - sum(stored)
+            + self._at_start
         )
         return Budget(
-            *map(float, (kinetic, *stored, walls, forces, imposed, shear, *lost, missing)),
+            *map(float, (kinetic, *stored, walls, forces, imposed, shear, pressure, *lost, missing)),
         )

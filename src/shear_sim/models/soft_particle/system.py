@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.balance import Budget
 from shear_sim.models.soft_particle.bodies import Body, assemble
-from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive
+from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive, whole
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
 from shear_sim.models.soft_particle.guards import misshapen
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
@@ -268,10 +268,13 @@ class System:
 
         Raises
         ------
+        ValueError
+            If that is no whole number from 0 on.
         SimulationError
             If a guard stops the run; says which particle and what to do.
         """
-        target = self.steps + steps
+        whole(steps=steps)
+        target = self.steps + int(steps)
         while self.steps < target:
             done, status = self._march(self.rules, target - self.steps)
             self.steps += done

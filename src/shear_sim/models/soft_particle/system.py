@@ -661,7 +661,7 @@ class System:
     def budget(self) -> Budget:
         """Return the energy balance since the start."""
         energy = self.work.energy
-        forces, pressure = self._work_of_forces(), self._by_pressure
+        forces = self._work_of_forces()
         walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
         shear = float(energy[SHEARING])
         lost = (
@@ -669,10 +669,6 @@ class System:
             energy[DAMPING], energy[DRAG], energy[BROKEN],
         )  # fmt: skip
         kinetic, stored = self.kinetic(), self.stored()
-        missing = (
-            walls + forces + imposed + shear + pressure - sum(lost) - kinetic - sum(stored)
-            + self._at_start
-        )
-        return Budget(
-            *map(float, (kinetic, *stored, walls, forces, imposed, shear, pressure, *lost, missing)),
-        )
+        work = (walls, forces, imposed, shear, self._by_pressure)
+        missing = sum(work) - sum(lost) - kinetic - sum(stored) + self._at_start
+        return Budget(*map(float, (kinetic, *stored, *work, *lost, missing)))

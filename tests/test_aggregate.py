@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 from scipy import stats
+from tools import here
 
 from shear_sim import aggregate as module
 from shear_sim.aggregate import aggregate, load, make_tables
@@ -242,6 +243,14 @@ def test_nothing_finished_yet(tmp_path):
     assert tables["curves"]["replicates"].tolist() == [0] * 8
     assert "PARTIAL STUDY: 0 of 88 runs (0 failed, 88 not yet run)" in printed(tables)
     assert not list(results.figures.iterdir())
+
+
+def test_only_folders_with_something_in_them_are_called_written(tmp_path, whole):
+    empty = make(tmp_path, keep=lambda _: False)
+    for results, folders in ((empty, [empty.tables]), (whole, [whole.tables, whole.figures])):
+        code, output = here("aggregate", results.folder)
+        written = ", ".join(map(str, folders))
+        assert (code, output.splitlines()[-1]) == (0, f"written: {written}")
 
 
 def test_damaged_results_are_named_and_not_called_missing(tmp_path):

@@ -474,9 +474,8 @@ def aggregate(
 
     tables = aggregation.make_tables(results, tensor=tensor, historical=historical)
     print_summary(tables)  # first: the results may be somebody else's, and read-only
-    aggregation.write(results, tables, figures=figures)
-    written = ("tables", "figures") if figures else ("tables",)
-    typer.echo(f"written: {', '.join(str(results / folder) for folder in written)}")
+    written = aggregation.write(results, tables, figures=figures)
+    typer.echo(f"written: {', '.join(map(str, written))}")
 
 
 @app.command()

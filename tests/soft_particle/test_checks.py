@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from soft_particles import chain, polygon, ring, system
 
-from shear_sim.models.soft_particle.bodies import BodyError, Core, Shell, ring_points
+from shear_sim.models.soft_particle.bodies import Body, BodyError, Core, Shell, ring_points
 from shear_sim.models.soft_particle.checks import crosses_itself, tangled
 from shear_sim.models.soft_particle.walls import Wall
 
@@ -162,6 +162,8 @@ def test_numbers_of_a_system(numbers, message):
         (lambda s: s.load(np.array([26]), fx=1.0), "vertices[0] = 26 must be 0 to 25"),
         (lambda s: s.load(np.array([0]), fy=INF), "fy = inf must be finite"),
         (lambda s: s.make_rigid(np.array([4])), "particles[0] = 4 must be 0 to 3"),
+        (lambda s: s.advance(2.5), "steps = 2.5 must be a whole number, 0 or more"),
+        (lambda s: s.advance(-5), "steps = -5 must be a whole number, 0 or more"),
         (lambda s: s.shrink(0.0), "factor = 0 must be finite and over 0"),
         (lambda s: s.shear(0.1, 1.0), "there is no cell to be sheared"),
         (lambda s: s.shear(NAN, 1.0), "amplitude = nan must be finite"),
@@ -182,10 +184,37 @@ def test_numbers_of_what_is_done_to_a_system(call, message):
     )  # fmt: skip
     with pytest.raises(ValueError, match=re.escape(message)):
         call(s)
+    assert s.steps == 0
     assert s.motion.free_x.all()
     assert not s.motion.gx.any()
     assert not len(s.links.vertex)
     assert list(s.chains.core_pressure) == [0.0, 0.0, 0.0, 0.1]
+
+
+def test_arrays_of_a_body_may_be_lists():
+    corners = [(0, 0), (2, 0), (3, 1), (2, 2), (0, 2), (-1, 1)]
+    given = {"rest_length": [2] * 6, "rest_angle": [1] * 6, "bend_weight": [1] * 6,
+             "velocity": [[0, 1e-3]] * 6}  # fmt: skip
+    lists = Body(corners, True, 0.05, 1.0, Shell(0.1, 1e-4), **given)
+    arrays = {name: np.array(value, float) for name, value in given.items()}
+    same = Body(np.array(corners, float), True, 0.05, 1.0, Shell(0.1, 1e-4), **arrays)
+    one, other = system(lists), system(same)
+    for s in (one, other):
+        s.advance(np.int64(3))
+    assert np.array_equal(one.motion.x, other.motion.x)
+    assert np.array_equal(one.motion.vy, other.motion.vy)
+
+
+@pytest.mark.parametrize("points", ["ring", [(0, 0), (1,)]])
+def test_points_that_are_no_array(points):
+    with pytest.raises(BodyError, match="points must be an array of numbers"):
+        Body(points, True, 0.05, 1.0, Shell(0.1, 1e-4))
+
+
+@pytest.mark.parametrize("points", [None, 1.0, []])
+def test_points_that_are_not_there(points):
+    with pytest.raises(BodyError, match="at least 6 are needed"):
+        system(Body(points, True, 0.05, 1.0, Shell(0.1, 1e-4)))
 
 
 CROSS = "the mid-lines of particles 0 and 1 cross"

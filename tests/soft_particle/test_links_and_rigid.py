@@ -163,6 +163,14 @@ def test_links_that_are_too_stiff_for_the_step():
     s.glue(0.01, normal=5.0, tangential=0.1)
 
 
+def test_links_are_not_replaced_by_others():
+    s = three_squares(0.0)
+    s.glue(0.01, normal=0.1, tangential=0.1, between=[(0, 1)])
+    with pytest.raises(ValueError, match="there are links already: glue all at once"):
+        s.glue(0.01, normal=0.1, tangential=0.1, between=[(1, 2)])
+    assert set(s.chains.chain[s.links.vertex]) <= {0, 1}
+
+
 def three_squares(gap):
     """The first two just touch, the third is ``gap`` away from the second."""
     places = (0.0, 2.1, 4.2 + gap)
@@ -272,3 +280,38 @@ def test_a_rigid_bar_falls_and_turns_as_a_body():
     assert s.rigid.spin[0] == pytest.approx(1e-3 / 4.0 * t, rel=1e-3)
     b = s.budget()
     assert b.kinetic == pytest.approx(b.by_forces, rel=1e-3)
+
+
+def test_more_rigid_particles_later():
+    """The first ones stay so, and all keep their momenta."""
+    s = system(*(ring(8, x=3.0 * k) for k in range(3)))
+    s.motion.vx[:] = 0.01
+    s.make_rigid(np.array([2]))
+    s.make_rigid(np.array([0, 2]))
+    s.begin()
+    assert list(s.rigid.chain) == [2, 0]
+    x, p = s.motion.x.copy(), momentum(s)
+    s.advance(20)
+    assert s.motion.x - x == pytest.approx(0.01 * s.time)
+    assert momentum(s) == pytest.approx(p, abs=1e-14)
+
+
+def test_rigid_particles_named_twice():
+    s = system(ring(8))
+    with pytest.raises(ValueError, match="particles names 0 more than once"):
+        s.make_rigid(np.array([0, 0]))
+    assert len(s.rigid.chain) == 0
+
+
+def test_no_vertex_is_held_and_of_a_rigid_particle():
+    s = system(ring(8), ring(8, x=3.0))
+    s.make_rigid(np.array([1]))
+    with pytest.raises(ValueError, match="vertex 9 of particle 1 cannot be held where the parti"):
+        s.hold(np.array([2, 9]))
+    assert s.motion.free_x[:8].all()
+    s.hold(np.array([2]), vx=None)
+    with pytest.raises(ValueError, match="vertex 2 of particle 0 cannot be held where the parti"):
+        s.make_rigid(np.array([0]))
+    assert list(s.rigid.chain) == [1]
+    s.hold(np.array([2]), vx=None, vy=None)
+    s.make_rigid(np.array([0]))

@@ -69,11 +69,16 @@ def aggregate(
     return tables
 
 
-def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: bool) -> None:
+def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: bool) -> list[Path]:
     """Write ``tables`` as Parquet and CSV into ``tables/`` (see `save`), and draw the figures.
 
     Tables and figures that an earlier call has written and this one does not are removed: they
     would be of other runs. Files of other names are left alone.
+
+    Returns
+    -------
+    list of Path
+        The folders with what was written: not that of figures, if the tables allow none.
 
     Raises
     ------
@@ -81,6 +86,7 @@ def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: 
         If the results folder cannot be written.
     """
     results = Results.existing(Path(folder))
+    drawn: list[Path] = []
     try:
         results.tables.mkdir(exist_ok=True)
         for name, table in tables.items():
@@ -89,7 +95,7 @@ def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: 
         if figures:
             from shear_sim.figures import draw
 
-            draw(tables, results.figures, _example(results, tables))
+            drawn = draw(tables, results.figures, _example(results, tables))
         else:
             from shear_sim.figures import CAPTIONS
 
@@ -100,6 +106,7 @@ def write(folder: Path | str, tables: "Mapping[str, pd.DataFrame]", *, figures: 
             "writable, or copy it to a place of your own and aggregate the copy"
         )
         raise ResultsError(msg) from error
+    return [results.tables, results.figures] if drawn else [results.tables]
 
 
 def make_tables(

@@ -17,6 +17,7 @@ class Budget(NamedTuple):
     by_forces: float
     by_velocities: float
     by_shear: float
+    by_pressure: float
     stretch_yield: float
     bend_yield: float
     sliding: float

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shear_sim.models.soft_particle.checks import (
+    array_of,
     crosses_itself,
     finite,
     limits,
@@ -65,6 +66,8 @@ class Core:
 class Body:
     """One chain at the start, by default at rest in this very shape.
 
+    Lists and all else that numpy makes arrays of will do for arrays.
+
     Parameters
     ----------
     points : (n, 2)
@@ -78,6 +81,13 @@ class Body:
     bend_weight : (n,), optional
         Factors on k_b of each hinge: 2 at a clamped end whose hinge has only half a segment's
         length to give way over.
+    velocity : (n, 2), optional
+        Of the vertices [m/s].
+
+    Raises
+    ------
+    BodyError
+        If one of the arrays is none of numbers; all else is checked by `assemble`.
     """
 
     points: FloatArray
@@ -89,7 +99,17 @@ class Body:
     rest_length: FloatArray | None = None
     rest_angle: FloatArray | None = None
     bend_weight: FloatArray | None = None
-    velocity: FloatArray | None = field(default=None)
+    velocity: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Make arrays of what is given for them."""
+        for name in ("points", "rest_length", "rest_angle", "bend_weight", "velocity"):
+            given = getattr(self, name)
+            if given is not None:
+                try:
+                    object.__setattr__(self, name, array_of(name, given))
+                except ValueError as error:
+                    raise BodyError(str(error)) from None
 
 
 def ring_points(vertices: int, radius: float, x: float = 0.0, y: float = 0.0) -> FloatArray:
@@ -117,7 +137,7 @@ def turning_angles(points: FloatArray, closed: bool) -> FloatArray:
 def _check(body: Body) -> None:
     """Refuse what is no ring or chain; the error names what is wrong with it, not which it is."""
     points, shell, core = body.points, body.shell, body.core
-    n = len(points)
+    n = len(np.atleast_1d(points))
     least = FEWEST if body.closed else 2
     if n < least:
         kind = "ring" if body.closed else "chain"

@@ -30,6 +30,29 @@ def limits(**values: ArrayLike) -> None:
     _require(lambda v: v > 0.0, "must be over 0", values)
 
 
+def whole(**values: int) -> None:
+    """Refuse arguments that are not whole numbers from 0 on."""
+    for name, value in values.items():
+        if not isinstance(value, int | np.integer) or value < 0:
+            msg = f"{name} = {value} must be a whole number, 0 or more"
+            raise ValueError(msg)
+
+
+def array_of(name: str, value: ArrayLike) -> FloatArray:
+    """Return an argument as an array.
+
+    Raises
+    ------
+    ValueError
+        If it is no array of numbers; names it.
+    """
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        msg = f"{name} must be an array of numbers, with as many in each row"
+        raise ValueError(msg) from None
+
+
 def shaped(shape: tuple[int, ...], **values: ArrayLike) -> None:
     """Refuse arguments of another shape."""
     for name, value in values.items():

@@ -45,6 +45,7 @@ class Diametral(Scenario):
         rows = point.resolved().record.rows or 0
         self.rows = rows + 1
         self.hollow = self.system.chains.core_law[0] == HOLLOW
+        self.plastic = model.yield_moment is not None
         side = PICTURE * packing.radius
         self.frame = (-0.5 * side, -0.5 * side, side, side)
         self.strokes = shear.strokes
@@ -149,12 +150,13 @@ class Diametral(Scenario):
         """Fit a line to the contact length of loading, where it is long against a segment.
 
         A flat contact of a hollow ring bears at its two ends, so its length is how far the loads
-        are apart; unlike the vertices that touch, that does not come in whole segments.
+        are apart; unlike the vertices that touch, that does not come in whole segments. That of a
+        ring with plastic hinges is no line.
         """
         ratio, strain = table["load_ratio"][: top + 1], table["compression"][: top + 1]
         segment = self.unit.segment / (2.0 * self.half)
         use = ratio > FEWEST_TOUCHING * segment
-        if not self.hollow or use.sum() < 10:
+        if not self.hollow or self.plastic or use.sum() < 10:
             return {}
         slope, offset = np.polyfit(strain[use], ratio[use], 1)
         return {"contact_onset": -offset / slope, "contact_slope": slope}

@@ -83,14 +83,13 @@ class Pressed(_FreeRing):
     def record(self) -> dict[str, float]:
         """Return one record, see ``columns``."""
         budget = self.system.budget()
-        # What the pressure stores as a part of the core is work from outside.
+        # What the pressure stores as a part of the core is of outside; its changes have their work.
         change = self.system.area(0) - float(self.system.chains.core_area[0])
         return ledger(budget) | self._shape() | {
             "outer_pressure": self.pressure,
             "outer_pressure_ratio": self.pressure / self.scale,
             "work": self.work,
             "energy_core": budget.core - self.pressure * change,
-            "energy_missing": budget.missing + self.work + self.pressure * change,
         }  # fmt: skip
 
     def measured(self, table: Columns) -> dict[str, float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.balance import Budget
 from shear_sim.models.soft_particle.bodies import Body, assemble
-from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive
+from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive, whole
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
 from shear_sim.models.soft_particle.guards import differences, misshapen
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
@@ -56,6 +56,7 @@ from shear_sim.models.soft_particle.walls import Wall, check_walls
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
+Integers = NDArray[np.integer[Any]]
 
 FRACTION = 0.2  # of the longest stable step
 SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
@@ -215,6 +216,7 @@ class System:
         self.work.energy[:] = 0.0
         self.work.ledger[:] = 0.0
         self.walls.work[:] = 0.0
+        self._by_forces = self._by_pressure = 0.0
         self._x0, self._y0 = self.motion.x.copy(), self.motion.y.copy()
         self._at_start = 0.0
         self._at_start = self._stored_and_kinetic()
@@ -267,10 +269,13 @@ class System:
 
         Raises
         ------
+        ValueError
+            If that is no whole number from 0 on.
         SimulationError
             If a guard stops the run; says which particle and what to do.
         """
-        target = self.steps + steps
+        whole(steps=steps)
+        target = self.steps + int(steps)
         while self.steps < target:
             done, status = self._march(self.rules, target - self.steps)
             self.steps += done
@@ -341,11 +346,17 @@ class System:
         """Impose the velocity [m/s] of ``vertices``, in x, y or both (None: free).
 
         Call ``begin`` afterwards, if an energy balance is wanted.
+
+        Raises
+        ------
+        ValueError
+            If there is no such vertex, it is of a rigid particle, or a velocity is not finite.
         """
         motion = self.motion
         places(len(motion.x), vertices=vertices)
         imposed = {"vx": vx, "vy": vy}
         finite(**{name: value for name, value in imposed.items() if value is not None})
+        self._not_both(np.asarray(vertices), self.rigid.chain)
         for free, speeds, value in ((motion.free_x, motion.vx, vx), (motion.free_y, motion.vy, vy)):
             free[vertices] = 0.0 if value is not None else 1.0
             if value is not None:
@@ -357,9 +368,36 @@ class System:
         self.strips = self.strips._replace(held=first)
 
     def make_rigid(self, particles: IndexArray) -> None:
-        """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``."""
+        """Let ``particles`` move as rigid bodies from now on; see ``hold`` for ``begin``.
+
+        Those that are rigid already stay so; all take up the present velocities of their vertices.
+
+        Raises
+        ------
+        ValueError
+            If there is no such particle, one is named twice, or one has held vertices.
+        """
         places(len(self.chains.closed), particles=particles)
-        self.rigid = freeze_shapes(self.chains, self.motion, particles.astype(np.int32))
+        more = np.asarray(particles, np.int32)
+        named, times = np.unique(more, return_counts=True)
+        if (times > 1).any():
+            msg = f"particles names {named[times > 1][0]} more than once: name each once"
+            raise ValueError(msg)
+        self._not_both(self.held, more)
+        rigid = self.rigid.chain
+        both = np.concatenate([rigid, more[~np.isin(more, rigid)]])
+        self.rigid = freeze_shapes(self.chains, self.motion, both)
+
+    def _not_both(self, held: Integers, rigid: Integers) -> None:
+        """Refuse vertices that would be ``held``, and of one of the particles ``rigid``."""
+        both = held[np.isin(self.chains.chain[held], rigid)] if held.size else held
+        if both.size:
+            k = int(both.flat[0])
+            msg = (
+                f"vertex {k} of particle {self.chains.chain[k]} cannot be held where the particle "
+                "is rigid: hold all its vertices instead of make_rigid, or load them"
+            )
+            raise ValueError(msg)
 
     def glue(self, reach: float, **law: Any) -> None:
         """Link the particles within ``reach`` [m], see ``links.glue``; see ``hold`` for ``begin``.
@@ -367,8 +405,12 @@ class System:
         Raises
         ------
         ValueError
-            If none are, or two that are to be linked are not, or the step is too long with links.
+            If none are, or two that are to be linked are not, or the step is too long with links,
+            or there are links already.
         """
+        if len(self.links.vertex):
+            msg = "there are links already: glue all at once, with a larger reach or more between"
+            raise ValueError(msg)
         links = glue(self.chains, self.motion.x, self.motion.y, reach, **law)
         highest = (2.0 / self.stable_step) ** 2
         # Two links at a vertex or segment, with at most 2 k each.
@@ -380,14 +422,35 @@ class System:
         self.mail = mail(self.lists, self.strips)
 
     def load(self, vertices: IndexArray, fx: float = 0.0, fy: float = 0.0) -> None:
-        """Add a constant force [N/m] to each of ``vertices``; see ``hold`` for ``begin``."""
-        places(len(self.motion.x), vertices=vertices)
+        """Add a constant force [N/m] to each of ``vertices`` from now on.
+
+        The energy balance goes on: the work of each load is counted from its own start.
+
+        Raises
+        ------
+        ValueError
+            If there is no such vertex, or a force is not finite.
+        """
+        motion = self.motion
+        places(len(motion.x), vertices=vertices)
         finite(fx=fx, fy=fy)
-        self.motion.gx[vertices] += fx
-        self.motion.gy[vertices] += fy
+        kinetic = self.kinetic()
+        self._by_forces = self._work_of_forces()
+        self._x0, self._y0 = motion.x.copy(), motion.y.copy()
+        for imposed, force, added in ((motion.gx, motion.fx, fx), (motion.gy, motion.fy, fy)):
+            imposed[vertices] += added
+            force[vertices] += added
+        self._at_start += self.kinetic() - kinetic  # as that of (SP.9) is one of forces too
+
+    def _work_of_forces(self) -> float:
+        """Return the work [J/m] of imposed forces since ``begin``."""
+        m = self.motion
+        return self._by_forces + float((m.gx * (m.x - self._x0) + m.gy * (m.y - self._y0)).sum())
 
     def press(self, p: int, pressure: float) -> None:
         """Set the pressure p₀ [Pa] of the core of ring ``p`` from now on.
+
+        What the core stores more or less by that at once is work ``by_pressure`` of the budget.
 
         Raises
         ------
@@ -400,7 +463,7 @@ class System:
         if self.chains.core_law[p] == HOLLOW:
             msg = f"particle {p} has no core to be pressed: Core('drained'), say"
             raise ValueError(msg)
-        before = float(self.chains.core_pressure[p])
+        before, stored = float(self.chains.core_pressure[p]), self._core_energy(p)
         self.chains.core_pressure[p] = pressure
         # A step may be nine tenths of the longest, and the bound changes a little with the shape.
         m, chains, stiffness = self.motion, self.chains, self.rules.stiffness
@@ -413,7 +476,13 @@ class System:
                 f"steps of {at_most(longest)} s at most"
             )
             raise ValueError(msg)
+        self._by_pressure += self._core_energy(p) - stored
+        kinetic = self.kinetic()
         self._forces(self.rules._replace(step=0.0))
+        self._at_start += self.kinetic() - kinetic  # as that of (SP.9) is one of forces too
+
+    def _core_energy(self, p: int) -> float:
+        return float(shell_energy(self.chains, self.motion.x, self.motion.y, p)[2])
 
     def area(self, p: int) -> float:
         """Return the area [m²] inside ring ``p``, to the mid-line."""
@@ -622,10 +691,8 @@ class System:
 
     def budget(self) -> Budget:
         """Return the energy balance since the start."""
-        motion, energy = self.motion, self.work.energy
-        forces = float(
-            (motion.gx * (motion.x - self._x0) + motion.gy * (motion.y - self._y0)).sum()
-        )
+        energy = self.work.energy
+        forces = self._work_of_forces()
         walls, imposed = float(self.walls.work.sum()), float(energy[IMPOSED])
         shear = float(energy[SHEARING])
         lost = (
@@ -633,9 +700,6 @@ class System:
             energy[DAMPING], energy[DRAG], energy[BROKEN],
         )  # fmt: skip
         kinetic, stored = self.kinetic(), self.stored()
-        missing = (
-            walls + forces + imposed + shear - sum(lost) - kinetic - sum(stored) + self._at_start
-        )
-        return Budget(
-            *map(float, (kinetic, *stored, walls, forces, imposed, shear, *lost, missing)),
-        )
+        work = (walls, forces, imposed, shear, self._by_pressure)
+        missing = sum(work) - sum(lost) - kinetic - sum(stored) + self._at_start
+        return Budget(*map(float, (kinetic, *stored, *work, *lost, missing)))

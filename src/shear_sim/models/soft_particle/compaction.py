@@ -89,9 +89,10 @@ class Compactor(Scenario):
         return self.ready
 
     def _weigh(self, weight: float) -> None:
-        every = np.arange(len(self.system.motion.x))
-        unit = WEIGHT * UNIT * self.unit.hinge / self.radius**2 * self.width / len(every)
-        self.system.load(every, fy=-weight * unit)
+        """Let a weight act from the next forces on: a pack that falls has no energy balance yet."""
+        vertices = len(self.system.motion.x)
+        unit = WEIGHT * UNIT * self.unit.hinge / self.radius**2 * self.width / vertices
+        self.system.motion.gy[:] -= weight * unit
 
     def _set_out(self) -> None:
         """Bring the lid to where it touches, and start from there."""

@@ -64,6 +64,10 @@ def test_bulk_modulus_of_a_pressed_ring(eta, law):
     change = -float(run.run.system.chains.core_area[0]) * (table["area_ratio"][-1] - 1)
     assert table["work"][-1] == pytest.approx(0.5 * table["outer_pressure"][-1] * change, rel=0.01)
     assert np.abs(table["energy_missing"]).max() < 1e-6 * table["work"][-1]
+    last, young = table["outer_pressure"][-1], given.model.young_modulus
+    assert table["outer_pressure_per_modulus"][-1] == pytest.approx(last / young)
+    scaled = table["outer_pressure_ratio"][-1] * run.run.unit.bending / given.packing.radius
+    assert table["outer_pressure_per_bending"][-1] == pytest.approx(scaled / run.run.unit.hinge)
 
 
 def test_a_ring_buckles_at_three_times_its_stiffness():

@@ -135,6 +135,11 @@ def test_a_ring_with_a_core_is_a_membrane_stadium(eta):
     assert last["area_ratio"] == pytest.approx(beta**2 + 2 * beta * length, abs=0.003)
     contact = 0.5 * np.pi * length * 2 * run.run.half
     force = last["core_pressure"] * contact
+    young, radius = run.point.model.young_modulus, run.point.packing.radius
+    assert last["core_pressure_per_modulus"] == pytest.approx(last["core_pressure"] / young)
+    bending = young * (0.05 * radius) ** 3 / 12 / (2 * radius * np.sin(np.pi / 40))  # k_b, (SP.2)
+    scaled = last["core_pressure"] * radius**2 / bending
+    assert last["core_pressure_per_bending"] == pytest.approx(scaled)
     assert last["force"] == pytest.approx(force, rel=0.05)
     assert last["contact_ratio"] == pytest.approx(0.5 * np.pi * length, abs=0.09)
 

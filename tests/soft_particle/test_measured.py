@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from soft_particles import points, prepared
 
-from shear_sim.models.soft_particle.columns import COLUMNS
+from shear_sim.models.soft_particle.columns import COLUMNS, DERIVED
 from shear_sim.models.soft_particle.parameters import SoftParticle
 from shear_sim.models.soft_particle.rings import scales
 
@@ -12,6 +12,14 @@ from shear_sim.models.soft_particle.rings import scales
 def made_up(rows, **columns):
     """A table of which all columns but the given ones are of no use."""
     return {column.name: np.full(rows, np.nan) for column in COLUMNS} | columns
+
+
+def test_every_stress_is_also_in_units_of_the_shell():
+    names = [column.name for column in COLUMNS + DERIVED]
+    stresses = [column.name for column in COLUMNS + DERIVED if column.unit == "Pa"]
+    assert len(stresses) > 8
+    for name in stresses:
+        assert {f"{name}_per_modulus", f"{name}_per_bending"} <= set(names)
 
 
 def test_scales_by_hand():

@@ -109,6 +109,8 @@ class Diametral(Scenario):
             "stress_yy_per_modulus": force / diameter / self.modulus,
             "stress_yy_per_bending": force / diameter * self.radius**2 / unit.hinge,
             "core_pressure": pressure,
+            "core_pressure_per_modulus": pressure / self.modulus,
+            "core_pressure_per_bending": pressure * self.radius**2 / unit.hinge,
             "area_ratio": area / float(chains.core_area[0]),
             "width_ratio": float(np.ptp(motion.x)) / diameter,
             "contact_ratio": float(np.ptp(top)) / diameter if len(top) else 0.0,

@@ -63,6 +63,7 @@ class Pressed(_FreeRing):
         rows = point.resolved().record.rows or 0
         self.rows, self.strokes = rows + 1, 1
         self.scale = unit.bending / self.radius**3
+        self.young_modulus = point.model.young_modulus
         self.growth = shear.pressure / (rows * PIECES) * self.scale
         between = shear.pressure / shear.relative_rate * unit.period / (rows * PIECES)
         self.steps = self.divide(between, point.integrator.step)
@@ -87,6 +88,8 @@ class Pressed(_FreeRing):
         change = self.system.area(0) - float(self.system.chains.core_area[0])
         return ledger(budget) | self._shape() | {
             "outer_pressure": self.pressure,
+            "outer_pressure_per_modulus": self.pressure / self.young_modulus,
+            "outer_pressure_per_bending": self.pressure * self.radius**2 / self.unit.hinge,
             "outer_pressure_ratio": self.pressure / self.scale,
             "work": self.work,
             "energy_core": budget.core - self.pressure * change,

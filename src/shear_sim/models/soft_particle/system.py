@@ -609,24 +609,25 @@ class System:
         Hinges and their dashpots pull the harder at its ends, as 1/ℓ², see ``stability``.
         """
         chains, first = self.chains, self._first_length
-        yields = np.isfinite(chains.stretch_yield[chains.chain]) & (chains.after >= 0)
-        if not yields.any():
+        bars = np.isfinite(chains.stretch_yield[chains.chain]) & (chains.after >= 0)
+        k = np.flatnonzero(bars)
+        if not k.size:
             return ""
-        length = np.hypot(*differences(chains, self.motion.x, self.motion.y))
-        gone = np.where(yields, 1.0 / np.where(yields, length, 1.0) ** 2 - 1.0 / first**2, 0.0)
-        harder = 16.0 * np.maximum(gone, 0.0) / chains.mass
-        hinges = np.maximum(chains.bend_stiffness, chains.bend_stiffness[chains.after])
+        length = np.hypot(*differences(chains, self.motion.x, self.motion.y))[k]
+        harder = 16.0 * np.maximum(1.0 / length**2 - 1.0 / first[k] ** 2, 0.0) / chains.mass[k]
+        hinges = np.maximum(chains.bend_stiffness[k], chains.bend_stiffness[chains.after[k]])
         squared = (2.0 / self.stable_step) ** 2 + float((harder * hinges).max())
         rate = highest_damping(chains, self.rules.drag, 0.0)
-        rate += float((harder * chains.bend_damping[chains.chain]).max())
+        rate += float((harder * chains.bend_damping[chains.chain[k]]).max())
         longest = 2.0 / math.sqrt(squared) * damped_share(squared, rate)
         if self.rules.step <= longest:
             return ""
-        k = int((harder * hinges).argmax())
+        worst = int((harder * hinges).argmax())
+        share = length[worst] / first[k[worst]]
         return (
-            f"particle {chains.chain[k]}: a segment that has yielded to {length[k] / first[k]:.3g} "
-            f"of its length needs steps of {at_most(longest)} s at most: a larger yield_force, "
-            "less load, or such steps"
+            f"particle {chains.chain[k[worst]]}: a segment that has yielded to {share:.3g} of its "
+            f"length at the start needs steps of {at_most(longest)} s at most: a larger "
+            "yield_force, less load, or such steps"
         )
 
     def _damped(self) -> str:

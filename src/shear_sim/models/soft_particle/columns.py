@@ -86,7 +86,7 @@ MEASURED = tuple(
         ("final_scaled_force", "1", "F R²/(E I) there"),
         ("final_area_ratio", "1", "V/V₀ there"),
         ("final_contact_ratio", "1", "L_c/b₀ there"),
-        ("contact_onset", "1", "ε of no contact length, by a line; hollow, without yield_moment"),
+        ("contact_onset", "1", "ε of no contact length, by a line; hollow, never yields"),
         ("contact_slope", "1", "slope of that line through load_ratio"),
         ("residual_compression", "1", "1 − height of the free ring / b₀, after unloading"),
         ("recovered_work", "1", "work given back in unloading / work of loading"),

@@ -45,7 +45,7 @@ class Diametral(Scenario):
         rows = point.resolved().record.rows or 0
         self.rows = rows + 1
         self.hollow = self.system.chains.core_law[0] == HOLLOW
-        self.plastic = model.yield_moment is not None
+        self.plastic = model.yield_moment is not None or model.yield_force is not None
         side = PICTURE * packing.radius
         self.frame = (-0.5 * side, -0.5 * side, side, side)
         self.strokes = shear.strokes
@@ -153,7 +153,7 @@ class Diametral(Scenario):
 
         A flat contact of a hollow ring bears at its two ends, so its length is how far the loads
         are apart; unlike the vertices that touch, that does not come in whole segments. That of a
-        ring with plastic hinges is no line.
+        ring that may yield is no line.
         """
         ratio, strain = table["load_ratio"][: top + 1], table["compression"][: top + 1]
         segment = self.unit.segment / (2.0 * self.half)

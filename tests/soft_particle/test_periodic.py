@@ -105,6 +105,24 @@ def test_action_is_reaction_and_stress_symmetric():
     assert s.budget().sliding > 0.0
 
 
+@pytest.mark.parametrize(
+    "give",
+    [lambda s: s.make_rigid(np.array([0])), lambda s: s.glue(0.1, normal=0.01, tangential=0.01)],
+)
+def test_links_and_rigid_particles_know_no_images(give):
+    """A cell that has them cannot be sheared, and none come into one that is."""
+    before, after = crystal(), crystal()
+    give(before)
+    with pytest.raises(ValueError, match="a sheared cell has no links or rigid particles"):
+        before.shear(0.1, 1e-3)
+    assert before.cell.wave[1] == 0.0
+    after.shear(0.1, 1e-3)
+    with pytest.raises(ValueError, match="a sheared cell has no links or rigid particles"):
+        give(after)
+    assert len(after.links.vertex) == len(after.rigid.chain) == 0
+    after.advance(10)
+
+
 def cycles(s, amplitude, period, count, rows=200):
     """Shear by whole periods; return τ of all records, and of each period's end losses so far, what
     is missing, and what is held."""

@@ -60,6 +60,7 @@ Integers = NDArray[np.integer[Any]]
 
 FRACTION = 0.2  # of the longest stable step
 SHORTER = "a smaller integrator.step, or slower walls (relative_rate)"
+NO_IMAGES = "a sheared cell has no links or rigid particles: hold vertices instead"
 #: Of a two-sided contact, distance / distance of touching: in one step, in which two vertices move
 #: by a quarter of that each, nothing goes through unseen.
 NEAREST = 0.25
@@ -301,8 +302,7 @@ class System:
             msg = "there is no cell to be sheared: cell = (width, height)"
             raise ValueError(msg)
         if len(self.links.vertex) or len(self.rigid.chain):
-            msg = "a sheared cell has no links or rigid particles: hold vertices instead"
-            raise ValueError(msg)
+            raise ValueError(NO_IMAGES)
         self.cell.wave[:] = amplitude, 2.0 * math.pi * frequency
         self.cell.steps[0] = 0
         self.cell.strain[:] = 0.0, amplitude * self.cell.wave[1], 0.0
@@ -375,9 +375,11 @@ class System:
         Raises
         ------
         ValueError
-            If there is no such particle, one is named twice, or one has held vertices.
+            If there is no such particle, one is named twice, or one has held vertices, or the
+            cell is sheared.
         """
         places(len(self.chains.closed), particles=particles)
+        self._not_sheared()
         more = np.asarray(particles, np.int32)
         named, times = np.unique(more, return_counts=True)
         if (times > 1).any():
@@ -399,6 +401,10 @@ class System:
             )
             raise ValueError(msg)
 
+    def _not_sheared(self) -> None:
+        if self.cell.wave[1] > 0.0:
+            raise ValueError(NO_IMAGES)
+
     def glue(self, reach: float, **law: Any) -> None:
         """Link the particles within ``reach`` [m], see ``links.glue``; see ``hold`` for ``begin``.
 
@@ -406,8 +412,9 @@ class System:
         ------
         ValueError
             If none are, or two that are to be linked are not, or the step is too long with links,
-            or there are links already.
+            or there are links already, or the cell is sheared.
         """
+        self._not_sheared()
         if len(self.links.vertex):
             msg = "there are links already: glue all at once, with a larger reach or more between"
             raise ValueError(msg)

@@ -170,6 +170,20 @@ def test_rings_that_cannot_be_compressed_fill_the_pores():
     assert table["strain"][-1] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_lid_turns_at_the_first_record_of_its_stress():
+    """So the stress is passed by what a record adds: with four times as many by far less."""
+    passed = []
+    for rows in (20, 80):
+        shear = {"largest_stress": 1.0, "strain": 0.4, "unload": False}
+        run = finished(point({"core_ratio": 100.0}, shear=shear, record={"rows": rows}))
+        *before, top = run.columns()["stress_yy_per_bending"]
+        assert run.done == run.rows < rows
+        assert max(before) < 1.0 <= top
+        passed.append((top - 1.0, top - before[-1]))
+    assert passed[0][0] < passed[0][1]
+    assert passed[1][0] < passed[1][1] < 0.5 * passed[0][1]
+
+
 def test_plastic_rings_stay_crushed():
     run = finished(point({"yield_moment": 0.02}, shear={"strain": 0.2}))
     measured = run.summary()["measured"]

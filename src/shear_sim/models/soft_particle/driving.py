@@ -131,7 +131,8 @@ class Compaction(Section):
         float | None,
         Field(
             gt=0,
-            description="σ R²/k_b at which the lid turns before; σ/σ* is twice that; paper (37)",
+            description="σ R²/k_b at which the lid turns before, looked at in every record and "
+            "passed by what one adds, see record.rows; σ/σ* is twice that; paper (37)",
         ),
     ] = None
     relative_rate: Annotated[

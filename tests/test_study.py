@@ -209,6 +209,20 @@ def test_threads_that_no_job_could_use_are_refused(text, rule):
     assert "leave threads out" in told
 
 
+BOXES = "packing: {particles: 9}\nshear: {kind: compaction}\n"
+
+
+def test_replicates_of_what_is_not_random_are_refused():
+    """A single ring would be pressed in the same way again and again; boxes are of other rings."""
+    words = "nothing is random at {} points, single particles, whose replicates would be the same"
+    told = report(f"replicates: 3\n{RING}")
+    assert f"study.yaml:1: replicates = 3: {words.format('1 of 1')}" in told
+    both = "scenes: {ring: {}, box: {packing.particles: 9, shear: {kind: compaction}}}\n"
+    assert words.format("1 of 2") in report(f"{RING}{both}replicates: 2\n")
+    assert len(study(f"{RING}replicates: 1\n").jobs()) == 1
+    assert len(study(f"{RING}{BOXES}replicates: 3\n").jobs()) == 3
+
+
 def test_threads_are_the_most_that_a_job_uses(tmp_path):
     """A job that has work for fewer has fewer, so that nobody pays for cores that are idle."""
     rows = [f"{4e-6 * (n % 50):g},{4e-6 * (n // 50):g},2e-6" for n in range(2100)]

@@ -249,6 +249,7 @@ def read_study(content: bytes, path: Path) -> Study:
     draft = reader.draft()
     design, points = draft.design, reader.points(draft)
     reader.check_threads(design.threads, points)
+    reader.check_replicates(design.replicates, points)
     if reader.problems:
         raise StudyError(path, list(reader.problems.values()))
     return Study(
@@ -409,6 +410,18 @@ class _Reader:
             "has a job on each core"
         )
         self._report(Complaint((("threads",),), message), self.document.data)
+
+    def check_replicates(self, replicates: int, points: Sequence[StudyPoint]) -> None:
+        """Report replicates of points that would be the same simulation again and again."""
+        same = sum(not point.point.random for point in points)
+        if self.problems or replicates == 1 or same == 0:
+            return
+        message = (
+            f"nothing is random at {same} of {len(points)} points, single particles, whose "
+            "replicates would be the same simulation again: replicates: 1, and others in a study "
+            "of their own"
+        )
+        self._report(Complaint((("replicates",),), message), self.document.data)
 
     def _point(self, changes: Changes, *, complete: bool = True) -> Point | None:
         """Return the point that ``changes`` make of the base, or report and return None.

@@ -189,6 +189,11 @@ class Point(Section):
         """Return the point with every default that follows from other parameters filled in."""
         return self
 
+    @property
+    def random(self) -> bool:
+        """Whether anything is drawn at random, so that replicates differ."""
+        return True
+
     def check_files(self) -> None:
         """Check the contents of the files that the point names.
 

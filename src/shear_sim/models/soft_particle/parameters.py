@@ -301,6 +301,11 @@ class SoftParticlePoint(Point):
         """Name of the model."""
         return self.model.kind
 
+    @property
+    def random(self) -> bool:
+        """Single rings and beams are not."""
+        return self.packing.particles > 1
+
     def resolved(self) -> Self:
         """Return the point with its number of records and packing fraction filled in."""
         packing, shear = self.packing, self.shear

@@ -49,6 +49,7 @@ ELSEWHERE = {
     "hard_disc/rheology_1024_dense": ("hard_disc_fixed_pressure",),
     "hard_disc/signals": ("hard_disc_signal_fixed_area", "hard_disc_signal_fixed_pressure"),
     "soft_beam": ("soft_beams_and_rings",),
+    "soft_pack_speed": ("soft_particle_box_plastic", "soft_particle_box_hollow"),
     "soft_plastic_ring": ("soft_particle_plastic",),
     "soft_free_ring_pressed": ("soft_beams_and_rings",),  # all three are but circles to the eye
     "soft_free_ring_vibrating": ("soft_beams_and_rings",),

@@ -86,7 +86,7 @@ VALUES = {
 }  # fmt: skip
 INSTALL = "shear-sim --install-completion"  # for the shell that calls it, see below
 # Studies in the manual whose results are there, and others: in the sandbox all are the same.
-DONE, NEW = ("main", "quick", "film"), ("soft_beam", "soft_free_ring", "soft_tissue")
+DONE, NEW = ("main", "quick", "film", "soft_tissue"), ("soft_beam", "soft_free_ring")
 
 
 def different(commands):

@@ -4,9 +4,9 @@ shear-sim sweep configs/soft_particle_compaction.yaml
 .venv/bin/python analysis/soft_compaction.py results/soft_particle_compaction \
     analysis/figures/soft_compaction.png
 
-Prints tables in Markdown (kept in analysis/soft_compaction.md). Shapes are those of the packs of
-discs where the lid turned; colours are elastic energies over the mean, from the mean up, as in
-figure 29 of the paper. Curves are of both preparations.
+Prints tables in Markdown (kept in analysis/soft_compaction.md). Shapes are those where the lid
+turned; colours are elastic energies over the mean, from the mean up, as in figure 29 of the paper.
+Curves are of both preparations; shapes of packs that fell are in soft_compaction_gravity.png.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 from soft_tissue import outlines
 
@@ -180,20 +181,29 @@ def curves(axes: list[Axes], kept: Kept, name: str, colour: str) -> None:
         axes[3].plot(t["strain"][part], whole[part], **look)
 
 
+def pictures(figure: SubFigure | Figure, jobs: dict[str, Kept], preparation: str) -> None:
+    """Draw the packs of one preparation where their lids turned."""
+    places = figure.subplots(2, 2).ravel()
+    height = 1.01 * max(-job.snapshots[0].walls[3, 2] for job in jobs.values())
+    for axis, (name, job) in zip(places, jobs.items(), strict=False):
+        drawn = shapes(axis, job, height)
+        strain = float(job.table.columns["strain"].max())
+        axis.set_title(f"{name}, {preparation}, ε = {strain:.2f}")
+    for axis in places[len(jobs) :]:
+        axis.set_axis_off()
+    bar = figure.colorbar(drawn, ax=places, shrink=0.6, aspect=30, pad=0.02)
+    bar.set_label("elastic energy of a particle / mean")
+
+
 def draw(path: Path, packs: dict[str, dict[str, Kept]]) -> None:
+    first, *others = packs
+    for preparation in others:
+        with style.figure(style.DOUBLE, 5.1) as figure:
+            pictures(figure, packs[preparation], preparation)
+            style.save_as(figure, path.with_stem(f"{path.stem}_{preparation}"), dpi=150, colours=64)
     with style.figure(style.DOUBLE, 8.6) as figure:
         above, below = figure.subfigures(2, 1, height_ratios=(1.45, 1))
-        places = above.subplots(2, 2).ravel()
-        shown = packs["discs"]
-        height = 1.01 * max(-job.snapshots[0].walls[3, 2] for job in shown.values())
-        for axis, (name, job) in zip(places, shown.items(), strict=False):
-            drawn = shapes(axis, job, height)
-            strain = float(job.table.columns["strain"].max())
-            axis.set_title(f"{name}, discs, ε = {strain:.2f}")
-        for axis in places[len(shown) :]:
-            axis.set_axis_off()
-        bar = above.colorbar(drawn, ax=places, shrink=0.6, aspect=30, pad=0.02)
-        bar.set_label("elastic energy of a particle / mean")
+        pictures(above, packs[first], first)
         axes = below.subplots(2, 4, sharex="col", sharey="col")
         for line, (preparation, jobs) in zip(axes, packs.items(), strict=True):
             for name, job in jobs.items():
@@ -212,7 +222,7 @@ def draw(path: Path, packs: dict[str, dict[str, Kept]]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path, help="results folder of the study")
-    parser.add_argument("figure", type=Path, help="path of the figure")
+    parser.add_argument("figure", type=Path, help="path of the figure; packs that fell: beside")
     given = parser.parse_args()
     found = read_packs(given.results)
     number = len(PREPARATIONS) * len(KINDS)

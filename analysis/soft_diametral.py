@@ -7,7 +7,7 @@ shear-sim sweep configs/soft_plastic_ring.yaml
 Prints tables in Markdown (kept in analysis/soft_diametral.md) and draws a figure. The ring has 100
 vertices and h = 0.05 R. The plastic one is that of the study, compressed ever more slowly, by
 factors of four, until its force (averaged over Δε = 0.02) changes by less than 0.5 %; the others
-are run here (five minutes). Without arguments only coarse rings are (half a minute).
+are run here (five minutes). Without arguments only coarse and soft ones are (half a minute).
 """
 
 import argparse
@@ -44,6 +44,11 @@ SLOWER = 0.005  # change of the force at a quarter of the speed that is small en
 THINNER = (0.1, 0.05, 0.025)  # h/R of rings with a core
 COARSE = (16, 24, 32, 48, 64, 100)  # vertices
 HALF_GAPS = (0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 12.0)  # segments
+SINKING = (0.2, 0.3, 0.4)  # ε of rings with a core
+SUNK = (
+    (40, 1.0, 10.0), (40, 1.0, 33.0), (40, 1.0, 100.0), (40, 10.0, 10.0), (40, 10.0, 33.0),
+    (40, 10.0, 100.0), (40, 100.0, 33.0), (40, 100.0, 100.0), (100, 1.0, 10.0), (100, 100.0, 10.0),
+)  # fmt: skip
 PRESSED = 0.75  # largest ε of coarse rings
 
 
@@ -366,14 +371,24 @@ def coarse() -> None:
     for k, (low, high) in enumerate(pairwise(HALF_GAPS)):
         found = [error[k] for error in errors]
         row(f"{low:g} to {high:g}", *("–" if np.isnan(e) else f"{100 * e:+.1f} %" for e in found))
-    bent = elastica_with_core(1.0, 0.5, THICKNESS)
-    print("\nOf rings of 40 vertices with a core, η = 1, at ε = 0.5 (3.2 segments):", end="")
-    for stiffness in (10.0, 33.0, 100.0):
-        run = compress(0.52, 0.01, 52, vertices=40, core_ratio=1.0, contact_stiffness=stiffness)
-        force = float(run.loading("scaled_force", np.array([0.5]))[0])
-        error = force * THICKNESS**2 / 12 / bent.force - 1
-        print(f" {100 * error:+.1f} % (contact_stiffness {stiffness:g})", end="")
-    print()
+    print("\nOf rings with a core, which sink into the plates: overlap / half the gap, error of F:")
+    head("N, η, contact_stiffness", *(f"ε = {strain:g}" for strain in SINKING))
+    for vertices, eta, stiffness in SUNK:
+        run = compress(
+            0.01 + SINKING[-1], 0.01, 41, vertices=vertices, core_ratio=eta,
+            contact_stiffness=stiffness,
+        )  # fmt: skip
+        row(f"{vertices}, {eta:g}, {stiffness:g}", *(sinking(run, eta, e) for e in SINKING))
+
+
+def sinking(run: Run, eta: float, strain: float) -> str:
+    """Return overlap, weighted by load / half the gap, and the error of F, near ``strain``."""
+    row = int(np.abs(run.table["compression"] - strain).argmin())
+    at = {name: float(values[row]) for name, values in run.table.items()}
+    half_gap = 0.5 * at["diameter"] * (1 - at["compression"])
+    overlap = at["energy_contact"] / at["force"] / half_gap
+    law = elastica_with_core(eta, at["compression"], THICKNESS).force * 12 / THICKNESS**2
+    return f"{100 * overlap:.2f} %, {100 * (at['scaled_force'] / law - 1):+.1f} %"
 
 
 def coarse_errors(vertices: int) -> list[float]:

@@ -59,6 +59,7 @@ FLAGGED = {
     "inertia": "so fast that inertia counts",
     "drag": "whose drag bears a part of the load",
     "coarse": "whose folds are of so few segments that forces are some percent off",
+    "sunk": "that sink into soft contacts so far that forces are some percent off",
 }
 
 InShort = tuple[str, list[str], list[list[str]]]  # title, headings, rows

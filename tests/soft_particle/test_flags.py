@@ -33,6 +33,12 @@ PLATES = points(
     shear={"kind": "diametral_compression", "compression": 0.3, "unload": False},
     integrator={"step": 0.4},
 )  # fmt: skip
+SUNK = points(
+    packing={"vertices": 40}, model={"core_ratio": 10.0},
+    shear={"kind": "diametral_compression", "compression": 0.35, "relative_rate": 0.01,
+           "unload": False},
+    integrator={"step": 0.4},
+)  # fmt: skip
 BOX = points(
     packing={"particles": 9, "vertices": 24, "spread": 0.1},
     model={"thickness": 0.1, "contact_stiffness": 33, "inner_damping": 1.0, "drag": 0},
@@ -48,6 +54,8 @@ BOX = points(
         (PLATES(shear={"relative_rate": 0.05}), ["inertia", "drag"]),
         (PLATES({"drag": 0.0}, shear={"relative_rate": 0.05}), ["inertia"]),
         (PLATES(packing={"vertices": 20}, shear={"relative_rate": 0.001}), ["coarse"]),
+        (SUNK(), ["sunk"]),
+        (SUNK({"contact_stiffness": 100.0}), []),
         (BOX(), []),
         (BOX(shear={"relative_rate": 0.05}), ["inertia"]),
         (BOX(model={"drag": 0.1}), ["drag"]),
@@ -61,7 +69,7 @@ def test_flags_of_runs(given, up):
     """A ring and a box that are pressed slowly have none, and each fault its own."""
     flags = finished(given).summary()["flags"]
     plates = given.shear.kind == "diametral_compression"
-    names = [name for name in FLAGS if name != "coarse" or plates]
+    names = [name for name in FLAGS if name not in ("coarse", "sunk") or plates]
     assert flags == {name: name in up for name in names}
 
 

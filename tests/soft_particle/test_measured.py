@@ -190,10 +190,12 @@ def test_what_is_kept_of_a_compression(yields):
         61, compression=strain, load_ratio=apart, work=work, force=10 * strain,
         scaled_force=7 * strain, area_ratio=1 - strain, contact_ratio=strain / 2,
         energy_missing=-1e-6 * strain, lost_by_drag=np.linspace(0, 0.2, 61),
-        energy_kinetic=fast,
+        energy_kinetic=fast, energy_contact=1e-5 * strain,
     )  # fmt: skip
     found = run.measured(table)
+    sunk = 1e-6 / (run.radius * np.cos(np.pi / 40) * (1 - last))
     expected = {
+        "sink_ratio": sunk,
         "final_compression": last, "final_force": 10 * last, "final_scaled_force": 7 * last,
         "final_area_ratio": 1 - last, "final_contact_ratio": last / 2, "kinetic_ratio": 0.015,
         "energy_missing_ratio": 1e-7, "drag_ratio": 0.02,

@@ -154,7 +154,7 @@ FLAGS = (
 #: Flags that a model sets itself.
 MODEL_FLAGS = (
     "not_at_rest", "stopped_early", "deep_overlap", "forces_nonunique", "energy_missing", "inertia",
-    "drag", "coarse",
+    "drag", "coarse", "sunk",
 )  # fmt: skip
 STEADY = (
     (Column("shear_stress", "Pa", "mean over the late half of the strain"), "steady.shear_stress"),

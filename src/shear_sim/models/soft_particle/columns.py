@@ -93,6 +93,7 @@ MEASURED = tuple(
         ("energy_missing_ratio", "1", "largest |energy_missing| / largest work"),
         ("drag_ratio", "1", "lost by drag / work of loading: slow enough where it is small"),
         ("fold_ratio", "1", "ℓ / half the gap between plates at the largest ε; 0 up to 0.2822"),
+        ("sink_ratio", "1", "overlap with plates / half their gap at final_compression; by load"),
         ("final_deflection_ratio", "1", "deflection_ratio of a beam at rest"),
         ("bulk_modulus_ratio", "1", "slope of p in 1 − V/V₀, for p R³/EI up to 1 / (K_Ω + K_∂Ω)"),
         ("buckling_pressure_ratio", "1", "p R³/EI at which a ring buckles, by Southwell's plot"),

@@ -19,6 +19,7 @@ RAMP = 0.05  # part of a stroke in which the plates come to their speed, and to 
 FAST = 0.2  # part of a stroke: before, a slow ring too has little work in it
 PIECES = 50  # of a record, in each of which the plates keep their speed
 PICTURE = 3.2  # side of what a snapshot shows, in radii of the ring
+TINY = 1e-300  # of a force: what does not touch has not sunk
 FEWEST_TOUCHING = 2.5  # segments between the loads on a plate, for a contact length
 
 
@@ -140,6 +141,7 @@ class Diametral(Scenario):
             "drag_ratio": table["lost_by_drag"][top] / work,
             "kinetic_ratio": kinetic.max(),
             "fold_ratio": self.fold,
+            "sink_ratio": self._sunk(table, last),
         }
         found |= self._contact_line(table, top)
         if self.strokes == 2:
@@ -147,6 +149,14 @@ class Diametral(Scenario):
             found["residual_compression"] = 1.0 - height / (2.0 * self.half)
             found["recovered_work"] = 1.0 - float(table["work"][-1]) / work
         return {name: float(value) for name, value in found.items()}
+
+    def _sunk(self, table: Columns, row: int) -> float:
+        """Return the overlap with the plates, weighted by load / half the gap between them.
+
+        Springs that push with 2 k_n h store k_n h²: Σ h²/Σ h is the energy of all / F of a plate.
+        """
+        overlap = float(table["energy_contact"][row]) / max(float(table["force"][row]), TINY)
+        return overlap / (self.half * (1.0 - float(table["compression"][row])))
 
     def _contact_line(self, table: Columns, top: int) -> dict[str, float]:
         """Fit a line to the contact length of loading, where it is long against a segment.

@@ -36,12 +36,13 @@ from shear_sim.streams import Streams
 
 #: Flags of a run: what is measured of it, and what is too much. Runs that are to be slow have
 #: inertia and drag: an inertial stress of 3 % of that of a box, and forces that are some percent
-#: too large. Those of coarse rings are as much too small.
+#: too large. Those of coarse rings, and of rings that sink into plates, are as much too small.
 FLAGS = {
     "energy_missing": ("energy_missing_ratio", 1e-4),
     "inertia": ("kinetic_ratio", 0.02),
     "drag": ("drag_ratio", 0.01),
     "coarse": ("fold_ratio", FINE),
+    "sunk": ("sink_ratio", 0.01),
 }
 MISSING_ALONE = 1e-6  # energy_missing_ratio of a single chain that is too much
 

@@ -5,6 +5,7 @@ import pytest
 from soft_particles import chain, forces, polygon, ring, slope, squared_frequencies, system
 
 from shear_sim.models.soft_particle.bodies import Core, Shell, ring_points
+from shear_sim.models.soft_particle.bounds import highest_frequency
 from shear_sim.models.soft_particle.kernels import (
     core_energy,
     core_pressure,
@@ -12,7 +13,6 @@ from shear_sim.models.soft_particle.kernels import (
     shell_forces,
 )
 from shear_sim.models.soft_particle.state import BEND_YIELD, CORE_LAWS, STRETCH_YIELD
-from shear_sim.models.soft_particle.system import highest_frequency
 
 LAWS = {
     "stretch": {"bend": 0.0},

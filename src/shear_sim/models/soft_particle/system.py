@@ -1,6 +1,5 @@
 """A system of soft particles that is asked to go on: what is between the kernels and a scenario."""
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -11,28 +10,27 @@ from numpy.typing import NDArray
 from shear_sim.models.interface import SimulationError
 from shear_sim.models.soft_particle.balance import Budget
 from shear_sim.models.soft_particle.bodies import Body, assemble
+from shear_sim.models.soft_particle.bounds import (
+    free_walls,
+    frequency_of,
+    highest_damping,
+    highest_frequency,
+    wall_step,
+)
 from shear_sim.models.soft_particle.checks import finite, not_negative, places, positive, whole
 from shear_sim.models.soft_particle.contacts import DEEPEST, contact_energy
-from shear_sim.models.soft_particle.guards import differences, misshapen
+from shear_sim.models.soft_particle.guards import misshapen, unstable_bar, unstable_wall
 from shear_sim.models.soft_particle.kernels import ring_area, shell_energy
 from shear_sim.models.soft_particle.links import glue, link_energy, no_links
 from shear_sim.models.soft_particle.motion import march
 from shear_sim.models.soft_particle.pairs import near_segments
 from shear_sim.models.soft_particle.rigid import freeze_shapes
-from shear_sim.models.soft_particle.stability import (
-    LARGEST,
-    at_most,
-    damped_share,
-    damping_rate,
-    squared_frequency,
-    squared_wall_frequency,
-)
+from shear_sim.models.soft_particle.stability import LARGEST, at_most, damped_share
 from shear_sim.models.soft_particle.state import (
     BEND_YIELD,
     BROKEN,
     DAMPING,
     DRAG,
-    DRAINED,
     GAS,
     HOLLOW,
     IMPOSED,
@@ -44,7 +42,6 @@ from shear_sim.models.soft_particle.state import (
     SLIDING,
     STRETCH_YIELD,
     TOO_FAST,
-    Chains,
     Rules,
     Walls,
     springs,
@@ -66,51 +63,6 @@ NO_IMAGES = "a sheared cell has no links or rigid particles: hold vertices inste
 NEAREST = 0.25
 SKIN, WIDEST = 2.0, 6.0  # room of the lists at first, and at most / least half thickness
 SHORT, LONG = 50, 200  # steps that lists last, under which the next have more room, over which less
-
-
-def highest_frequency(chains: Chains, x: FloatArray, y: FloatArray, stiffness: float) -> float:
-    """Return a bound ω [1/s] on all frequencies, the largest of all chains, see ``stability``."""
-    every = range(len(chains.closed))
-    return max(frequency_of(chains, p, x, y, stiffness) for p in every)
-
-
-def frequency_of(chains: Chains, p: int, x: FloatArray, y: FloatArray, stiffness: float) -> float:
-    """Return the bound ω [1/s] of chain ``p``."""
-    part = slice(chains.start[p], chains.start[p + 1])
-    core = 0.0
-    if chains.core_law[p] != HOLLOW:
-        px, py = x[part], y[part]
-        slope = 0.25 * (
-            (np.roll(px, -1) - np.roll(px, 1)) ** 2 + (np.roll(py, -1) - np.roll(py, 1)) ** 2
-        )
-        rest = abs(float(chains.core_pressure[p]))
-        if chains.core_law[p] == GAS:
-            modulus = rest
-        elif chains.core_law[p] == DRAINED:
-            modulus = 0.0
-        else:
-            modulus = float(chains.core_stiffness[p])
-        core = modulus / float(chains.core_area[p]) * float(slope.sum()) + rest
-    squared = squared_frequency(
-        float(chains.stretch_stiffness[part].max()), float(chains.bend_stiffness[part].max()),
-        float(chains.rest_length[part].min()), stiffness, core, float(chains.mass[part].min()),
-    )  # fmt: skip
-    return math.sqrt(squared)
-
-
-def highest_damping(chains: Chains, drag: float, contact: float) -> float:
-    """Return a bound Γ [1/s] on the rates of all dashpots, the largest of all chains.
-
-    ``contact``: k_n β h of the deepest contact [N s/m²].
-    """
-    return max(
-        damping_rate(
-            float(chains.stretch_damping[p]), float(chains.bend_damping[p]),
-            float(chains.rest_length[first:end].min()), contact,
-            drag + float(chains.inner_damping[p]), float(chains.mass[first:end].min()),
-        )
-        for p, (first, end) in enumerate(itertools.pairwise(chains.start))
-    )  # fmt: skip
 
 
 class System:
@@ -188,7 +140,9 @@ class System:
         self.walls = Walls(*table.T.copy(), *np.zeros((4, len(table))))
         if step is None:
             step = min(FRACTION * self.stable_step, LARGEST * self.longest_step())
-            step = min([step, *(LARGEST * self._wall_step(w) for w in self._free_walls())])
+            for w in free_walls(self.walls):
+                longest = wall_step(self.chains, self.motion, self.walls, stiffness, w)
+                step = min(step, LARGEST * longest)
         self._check_step(step, self.stable_step)
         self.rules = self.rules._replace(step=step)
         self.springs = springs(vertices, len(table))
@@ -523,24 +477,6 @@ class System:
         stable = self.stable_step if stable_step is None else stable_step
         return stable * min(LARGEST, self._damped_share(stable))
 
-    def _free_walls(self) -> list[int]:
-        """Return the walls that move by themselves."""
-        return list(map(int, np.flatnonzero(self.walls.mass)))
-
-    def _touching(self, w: int) -> int:
-        """Return how many vertices touch wall ``w`` now."""
-        m, walls = self.motion, self.walls
-        height = m.x * walls.nx[w] + m.y * walls.ny[w] - walls.position[w]
-        return int((height < self.chains.radius[self.chains.chain]).sum())
-
-    def _wall_step(self, w: int) -> float:
-        """Return the longest step [s] that is stable with wall ``w`` and what touches it now."""
-        mass = float(self.walls.mass[w])
-        touching = max(1, self._touching(w))
-        squared = squared_wall_frequency(self.rules.stiffness, touching, mass)
-        rate = float(self.walls.damping[w]) / mass
-        return 2.0 / math.sqrt(squared) * damped_share(squared, rate)
-
     def _check_step(self, step: float, stable_step: float) -> None:
         longest = self.longest_step(stable_step)
         if not 0.0 < step <= longest:
@@ -591,51 +527,13 @@ class System:
             )
         else:
             problem = (
-                self._unstable_wall()
+                unstable_wall(self.chains, m, self.walls, self.rules)
                 or misshapen(self.chains, self._first_length, m.x, m.y)
-                or self._unstable_bar()
+                or unstable_bar(self.chains, self._first_length, m, self.rules, self.stable_step)
             )
         if problem:
             msg = f"stopped at t = {self.time:.6g} s (step {self.steps}): {problem}"
             raise SimulationError(msg)
-
-    def _unstable_wall(self) -> str:
-        """Return what is wrong where a wall is too light for what touches it."""
-        for w in self._free_walls():
-            stable = self._wall_step(w)
-            if self.rules.step > stable:
-                return (
-                    f"wall {w} is too light to move by itself with {self._touching(w)} vertices at "
-                    f"it: a larger mass, or steps of {at_most(stable)} s at most"
-                )
-        return ""
-
-    def _unstable_bar(self) -> str:
-        """Return what is wrong where a bar that has yielded is too short for the step.
-
-        Hinges and their dashpots pull the harder at its ends, as 1/ℓ², see ``stability``.
-        """
-        chains, first = self.chains, self._first_length
-        bars = np.isfinite(chains.stretch_yield[chains.chain]) & (chains.after >= 0)
-        k = np.flatnonzero(bars)
-        if not k.size:
-            return ""
-        length = np.hypot(*differences(chains, self.motion.x, self.motion.y))[k]
-        harder = 16.0 * np.maximum(1.0 / length**2 - 1.0 / first[k] ** 2, 0.0) / chains.mass[k]
-        hinges = np.maximum(chains.bend_stiffness[k], chains.bend_stiffness[chains.after[k]])
-        squared = (2.0 / self.stable_step) ** 2 + float((harder * hinges).max())
-        rate = highest_damping(chains, self.rules.drag, 0.0)
-        rate += float((harder * chains.bend_damping[chains.chain[k]]).max())
-        longest = 2.0 / math.sqrt(squared) * damped_share(squared, rate)
-        if self.rules.step <= longest:
-            return ""
-        worst = int((harder * hinges).argmax())
-        share = length[worst] / first[k[worst]]
-        return (
-            f"particle {chains.chain[k[worst]]}: a segment that has yielded to {share:.3g} of its "
-            f"length at the start needs steps of {at_most(longest)} s at most: a larger "
-            "yield_force, less load, or such steps"
-        )
 
     def _damped(self) -> str:
         """Return what to do where dashpots may be what makes the step unstable."""

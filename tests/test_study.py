@@ -214,7 +214,7 @@ BOXES = "packing: {particles: 9}\nshear: {kind: compaction}\n"
 
 def test_replicates_of_what_is_not_random_are_refused():
     """A single ring would be pressed in the same way again and again; boxes are of other rings."""
-    words = "nothing is random at {} points, single particles, whose replicates would be the same"
+    words = "nothing is random at {} points, whose replicates would be the same"
     told = report(f"replicates: 3\n{RING}")
     assert f"study.yaml:1: replicates = 3: {words.format('1 of 1')}" in told
     both = "scenes: {ring: {}, box: {packing.particles: 9, shear: {kind: compaction}}}\n"

@@ -417,7 +417,7 @@ class _Reader:
         if self.problems or replicates == 1 or same == 0:
             return
         message = (
-            f"nothing is random at {same} of {len(points)} points, single particles, whose "
+            f"nothing is random at {same} of {len(points)} points, whose "
             "replicates would be the same simulation again: replicates: 1, and others in a study "
             "of their own"
         )

@@ -35,7 +35,7 @@ from soft_diametral import (
     stadium,
     touching_onset,
 )
-from soft_speed import STEPS, by_threads, least, packed
+from soft_speed import PACKINGS, STEPS, by_threads, least, packed
 from soft_suspension import gates
 from soft_tissue import goals, read_tissues
 
@@ -148,16 +148,16 @@ def packs(results: Path) -> None:
 
 
 def speed() -> None:
-    for name, friction, linked, damped, goal in (
-        ("elastic", 0.0, False, False, 60), ("with dashpots", 0.0, False, True, 60),
-        ("with friction and links", 0.3, True, True, 90),
-    ):  # fmt: skip
+    systems = []
+    for name, (friction, linked, damped) in PACKINGS.items():
+        goal = 90 if friction else 60
         system = packed(friction, linked, damped)
         vertices = len(system.motion.x)
         system.advance(STEPS)
         cost = least(lambda s=system: s.advance(STEPS), vertices, STEPS)
+        systems.append(system)
         row(f"speed, {name}", f"{goal} ns", f"{cost:.0f} ns per vertex and step", cost < goal)
-        times = by_threads(system)
+    for name, times in zip(PACKINGS, by_threads(systems), strict=True):
         row(f"speed, {name}: two threads against one", f"{FASTER:g}",
             f"{times[1] / times[2]:.2f} times", times[1] / times[2] > FASTER)  # fmt: skip
 

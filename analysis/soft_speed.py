@@ -33,7 +33,16 @@ from shear_sim.models.soft_particle.walls import Wall
 
 COLUMNS, ROWS, VERTICES, THICKNESS = 22, 23, 24, 0.1
 STEPS, ROUNDS = 300, 5
-BLOCK, TURNS = 50, 12  # steps that are timed at once, and how often with each number of threads
+#: Steps that are timed at once, and how often in a row with each number of threads; how often all.
+BLOCK, TURNS, PASSES = 50, 4, 5
+
+#: The packings: with friction, links, dashpots.
+PACKINGS = {
+    "elastic": (0.0, False, False),
+    "with dashpots and drag": (0.0, False, True),
+    "and friction": (0.3, False, True),
+    "and links": (0.3, True, True),
+}
 
 
 class Count(NamedTuple):
@@ -131,34 +140,40 @@ def of_one_strip(friction: float, linked: bool, damped: bool) -> System:
     return system
 
 
-def by_threads(system: System) -> dict[int, float]:
-    """Return the wall times [ns per vertex and step] of one and of two threads.
+def by_threads(systems: list[System]) -> list[dict[int, float]]:
+    """Return the wall times [ns per vertex and step] of each packing on one and on two threads.
 
-    Both make the same ``STEPS`` steps in turns, in blocks, each several times; the least times of
-    the blocks are added.
+    Both make the same ``STEPS`` steps in turns, in blocks; the least times of the blocks are added.
+    All packings are timed again and again, as the second core of a shared machine can be slow for
+    seconds.
     """
     if len(os.sched_getaffinity(0)) < 2:
         msg = "two threads need two cores: this process has one"
         raise SystemExit(msg)
-    total = {1: 0.0, 2: 0.0}
-    for _ in range(STEPS // BLOCK):
-        best = dict.fromkeys(total, np.inf)
-        ends = set()
-        for _ in range(TURNS):
-            for threads in total:
-                twin = copy.deepcopy(system)
-                twin.threads = threads
-                began = time.perf_counter()
-                twin.advance(BLOCK)
-                best[threads] = min(best[threads], time.perf_counter() - began)
-                ends.add(twin.motion.x.tobytes())
-        if len(ends) > 1:
-            msg = "two threads end elsewhere than one"
-            raise SystemExit(msg)
-        system = twin
-        for threads in total:
-            total[threads] += best[threads]
-    return {n: t / STEPS / len(system.motion.x) * 1e9 for n, t in total.items()}
+    least = np.full((len(systems), 2, STEPS // BLOCK), np.inf)
+    for _ in range(PASSES):
+        for system, times in zip(systems, least, strict=True):
+            start = system
+            for block in range(STEPS // BLOCK):
+                ends = set()
+                for _ in range(TURNS):
+                    for threads in (1, 2):
+                        twin = copy.deepcopy(start)
+                        twin.threads = threads
+                        began = time.perf_counter()
+                        twin.advance(BLOCK)
+                        spent = time.perf_counter() - began
+                        times[threads - 1, block] = min(times[threads - 1, block], spent)
+                        ends.add(twin.motion.x.tobytes())
+                if len(ends) > 1:
+                    msg = "two threads end elsewhere than one"
+                    raise SystemExit(msg)
+                start = twin
+    sums = least.sum(axis=-1) / STEPS * 1e9
+    return [
+        {threads: times[threads - 1] / len(system.motion.x) for threads in (1, 2)}
+        for system, times in zip(systems, sums, strict=True)
+    ]
 
 
 def main() -> None:
@@ -167,18 +182,14 @@ def main() -> None:
     heads = ("step, all in all", "limit", "shells", "contacts", "walls", "links", "kicks and moves")
     print("| | " + " | ".join((*heads, "lists")) + " |")
     print("| --- " * (len(heads) + 2) + "|")
-    walls = {}
-    for name, friction, linked, damped in (
-        ("elastic", 0.0, False, False),
-        ("with dashpots and drag", 0.0, False, True),
-        ("and friction", 0.3, False, True),
-        ("and links", 0.3, True, True),
-    ):
+    systems = []
+    for name, (friction, linked, damped) in PACKINGS.items():
         s = packed(friction, linked, damped)
         n = len(s.motion.x)
         s.advance(STEPS)
         whole = least(lambda s=s: s.advance(STEPS), n, STEPS)
-        bound, walls[name] = limit(s, machine), by_threads(s)
+        bound = limit(s, machine)
+        systems.append(copy.deepcopy(s))
         s = of_one_strip(friction, linked, damped)
         s.advance(STEPS)
         m, e = s.motion, s.work.energy
@@ -219,7 +230,7 @@ def main() -> None:
         cells = [f"{whole:.0f}", f"{bound:.0f}", *(f"{part:.1f}" for part in parts)]
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
     print("\n| wall time | one thread | two threads | ratio |\n| --- | --- | --- | --- |")
-    for name, times in walls.items():
+    for name, times in zip(PACKINGS, by_threads(systems), strict=True):
         print(f"| {name} | {times[1]:.0f} | {times[2]:.0f} | {times[1] / times[2]:.2f} |")
 
 

@@ -215,7 +215,8 @@ def jit(*, inner: bool = ..., **options: Any) -> Callable[[Function], Function]:
 def jit(function: Function | None = None, *, inner: bool = False, **options: Any) -> Any:
     """Compile a kernel with Numba and keep the machine code in :func:`cache_folder`.
 
-    Use it bare (``@jit``) or with options of ``numba.njit`` (``@jit(inline="always")``).
+    Use it bare (``@jit``) or with options of ``numba.njit`` (``@jit(nogil=True)``),
+    but for ``inline="always"``: a call then counts who uses its arrays, ten times the work itself.
     Division by zero follows IEEE rules (``error_model="numpy"``), which lets loops vectorise;
     ``fastmath`` stays off, so that sums keep their order and results their bits.
     ``inner`` is for what only kernels call, and which creates no array: it has no way in from

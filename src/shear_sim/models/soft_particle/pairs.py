@@ -30,7 +30,7 @@ def is_near(x: float, y: float, x0: float, y0: float, x1: float, y1: float, reac
     return bool(near)
 
 
-@jit(inline="always")
+@jit(inner=True)
 def contact_kind(
     chain: Ints,
     closed: Ints,

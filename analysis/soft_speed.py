@@ -34,7 +34,7 @@ from shear_sim.models.soft_particle.walls import Wall
 COLUMNS, ROWS, VERTICES, THICKNESS = 22, 23, 24, 0.1
 STEPS, ROUNDS = 300, 5
 #: Steps that are timed at once, and how often in a row with each number of threads; how often all.
-BLOCK, TURNS, PASSES = 50, 4, 5
+BLOCK, TURNS, PASSES = 100, 3, 5
 
 #: The packings: with friction, links, dashpots.
 PACKINGS = {

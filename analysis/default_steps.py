@@ -10,7 +10,7 @@ Jobs that converge with the step are run with whole steps of several lengths, al
 times several limits of the substeps: `STEP_ENERGY`, the longest substep in units of the stable one
 where springs act alone, from 0.35 to 1, and others of the limits one by one. (What stability with
 dashpots asks for stays: no limit can be coarser.) Errors are against limits and steps 32 times
-finer with 400 records per period, so that what the records lose is part of them. The cost is the
+finer with 960 records per period, so that what the records lose is part of them. The cost is the
 substeps per period, which no clock disturbs, and CPU time. The cheapest pair of steps and limit
 that keeps the target in 95 % of the jobs may be the default.
 
@@ -64,8 +64,8 @@ CHAOTIC = {  # ways of linking and amplitudes at which single runs are not expec
     "linked, amplitude 1 to 2": (("cells", "bulk"), (1.0, 2.0)),
 }
 CLASS_POINTS = 32
-REFERENCE, RECORDS = 32, 400  # times the default steps and limits; records per period
-STEPS = (50, 67, 100, 134, 200)  # % of the default ones
+REFERENCE, RECORDS = 32, 960  # times the default steps and limits; records per period
+STEPS = (25, 50, 75, 100, 150)  # % of the default ones
 LIMITS = (0.35, STEP_ENERGY, 0.75, 1.0)
 OTHER_LIMITS = {  # times the default ones
     "step_rolling": (2 / 3, 4 / 3),
@@ -271,10 +271,10 @@ def draw(table: pd.DataFrame, left: str) -> "Figure":
                     markersize=3, linewidth=0.9, zorder=3 + 0.1 * number,
                 )  # fmt: skip
                 if number == 0 and key == "loss_error":  # else one is upon another
-                    for at, way in zip(zip(x, y, strict=True), ways, strict=True):
+                    for at, part in zip(zip(x, y, strict=True), parts, strict=True):
                         axis.annotate(
-                            f"{way.percent}", at, xytext=(5, 0), textcoords="offset points",
-                            fontsize=6, color=colour, va="center",
+                            f"{part['steps_per_period'].iloc[0]}", at, xytext=(5, 0),
+                            textcoords="offset points", fontsize=6, color=colour, va="center",
                         )  # fmt: skip
             own = table[of_way(table, DEFAULT)]
             axis.plot(

@@ -3,7 +3,7 @@
 .venv/bin/python analysis/record_rate.py [--replicates 12]
 
 Jobs over the published range (particles, uncut gel and loose discs; amplitudes 0.001 to 2;
-frictions 0 to 1) run with 4,000 steps per period, all of which are recorded. The fit of nine
+frictions 0 to 1) run with 4,800 steps per period, all of which are recorded. The fit of nine
 harmonics is then made of every record, of every fifth, and so on: the same motion, so that the
 difference is what the records lose. Two things are lost. What has a frequency above half of that of
 the records appears in them as a slower one: with R records per period, harmonic n of the stress
@@ -34,8 +34,8 @@ from shear_sim.tables import write_table
 
 FloatArray = NDArray[np.float64]
 
-STEPS = 4000
-EVERY = (5, 10, 16, 20, 25, 40, 160)  # STEPS / EVERY records per period; nine harmonics need 19
+STEPS = 4800
+EVERY = (6, 12, 16, 20, 24, 48, 192)  # STEPS / EVERY records per period; nine harmonics need 19
 CUTS: tuple[Literal["cells", "bulk", "none"], ...] = ("cells", "bulk", "none")
 AMPLITUDES = (0.001, 0.01, 0.1, 0.5, 2.0)
 FRICTIONS = (0.0, 0.01, 0.1, 1.0)

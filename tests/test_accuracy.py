@@ -106,9 +106,9 @@ def test_one_run_of_the_ladder_is_the_job_itself(smooth):
     prepared = accuracy.prepare(smooth.job)
     again, _, _ = accuracy.response(smooth.job, accuracy.finish(prepared.start()))
     assert moduli == again
-    assert (own["scheme"], own["steps_per_period"]) == ("velocity_verlet", 100)
-    assert own["substeps_per_step"] == 2
-    assert own["cpu_per_period"] * 1.4 == pytest.approx(own["cpu_per_step"] * 280 / 1e6)
+    assert (own["scheme"], own["steps_per_period"]) == ("velocity_verlet", 240)
+    assert own["substeps_per_step"] == 1
+    assert own["cpu_per_period"] * 1.4 == pytest.approx(own["cpu_per_step"] * 336 / 1e6)
 
 
 def test_a_rung_with_the_substeps_of_a_finer_one_is_left_out(chaotic, smooth):
@@ -121,7 +121,7 @@ def test_a_rung_with_the_substeps_of_a_finer_one_is_left_out(chaotic, smooth):
     assert sorted({run["factor"] for run in smooth.runs}) == [1.0, 2.0, 4.0, 8.0]
 
 
-@pytest.mark.parametrize(("factor", "steps"), [(Fraction(1, 2), 50), (Fraction(2), 200)])
+@pytest.mark.parametrize(("factor", "steps"), [(Fraction(1, 2), 120), (Fraction(2), 480)])
 def test_other_rungs_are_the_job_with_their_steps(factor, steps):
     """Also its substeps: half as long with twice the steps, and never longer than by default."""
     job = job_of(0.01, Links(cut="bulk"))
@@ -158,9 +158,9 @@ def test_runs_with_other_steps_have_the_same_protocol(factor):
 
 def test_a_protocol_without_whole_steps_is_refused():
     prepared = PreparedMicrogel(job_of(0.5).point, Streams(1, 0))
-    assert not prepared.allows(Fraction(1, 3))
-    with pytest.raises(ValueError, match="1/3 times 100 steps per period are not whole steps"):
-        prepared.start(factor=Fraction(1, 3))
+    assert not prepared.allows(Fraction(1, 7))
+    with pytest.raises(ValueError, match="1/7 times 240 steps per period are not whole steps"):
+        prepared.start(factor=Fraction(1, 7))
 
 
 def test_twins_start_as_far_apart_as_asked():

@@ -45,7 +45,7 @@ LAW = "def contact_force(distance, contact_distance, stiffness, repulsion):\n   
         ({"model": {"links": {"avoid_angle": 20}}}, "avoid_angle: 20.0 has no effect"),
         ({"model": {"links": {"cut": "lines", "edge_fuzziness": 1}}}, "edge_fuzziness"),
         ({"shear": {"kind": "steady", "relative_rate": 0, "strain": 1}}, "must not be 0"),
-        ({"record": {"every": 11}}, "one record every 11 of 100 steps.*at most 5"),
+        ({"record": {"every": 13}}, "one record every 13 of 240 steps.*at most 12"),
         (
             {"packing": {"start": "hexagonal", "size_ratio": 1, "columns": 10, "discs": 160}}
             | {"cell": {"height": 1e-3}},

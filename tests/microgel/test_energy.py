@@ -68,7 +68,7 @@ def residual(
 )
 def test_energy_balance_closes(scene):
     """Closed to 0.1 % of the loss by default, and four times better with twice the steps."""
-    coarse, fine = (residual(steps, **scene) for steps in (None, 200))
+    coarse, fine = (residual(steps, **scene) for steps in (None, 480))
     assert coarse < 1e-3
     assert fine < coarse / 3.8
 

@@ -30,7 +30,7 @@ COLUMNS = (
     "sliding_fraction",
 )
 RECORDS = slice(4, None, 5)  # five of the 25
-VERSION = 5
+VERSION = 6
 # By strain amplitude: a row for each of COLUMNS, in its unit, and (G′, G″) [Pa].
 STORED = {
     0.5: (

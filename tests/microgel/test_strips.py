@@ -38,7 +38,7 @@ from shear_sim.study import Job
 from shear_sim.tables import read_table
 
 CRACKED = Links(cut="cells", normal_factor=0.9)  # so that a packing must come to rest anew
-BRIEF = OscillatoryShear(strain_amplitude=0.5, pre_periods=0.02, periods=0.5, post_periods=0.02)
+BRIEF = OscillatoryShear(strain_amplitude=0.5, pre_periods=0.025, periods=0.5, post_periods=0.025)
 #: 40 discs each. In the second the strain regrids the cell twice.
 SCENES = {
     "links": packing_point(links=CRACKED, friction=0.3, shear=BRIEF),
@@ -63,7 +63,9 @@ def small_strips(monkeypatch):
 def large(discs, links):
     rest = Equilibration(force_tolerance=1e-3, energy_tolerance=1e-6)
     packing = {"equilibration": rest}
-    return packing_point(discs=discs, links=links, shear=BRIEF, friction=0.3, packing=packing)
+    return packing_point(
+        discs=discs, links=links, shear=BRIEF, friction=0.3, packing=packing, steps_per_period=100
+    )
 
 
 def run(point, *threads):

@@ -15,7 +15,7 @@ from shear_sim.models.microgel.tensors import COLUMNS, DERIVED, derive
 from shear_sim.streams import Streams
 
 POINT = MicrogelPoint
-PHYSICS_VERSION = 5  # raised with any change of numbers; part of every job id
+PHYSICS_VERSION = 6  # raised with any change of numbers; part of every job id
 THREADS = "one for each 1,024 discs, and a single one with record.energy"
 MEASURED = ()
 SNAPSHOT_UNITS = SnapshotUnits(

@@ -286,7 +286,7 @@ class Integrator(Section):
         int | None,
         Field(
             ge=10,
-            description="whole steps per T, one record each (record.every). Default: 100, or as "
+            description="whole steps per T, one record each (record.every). Default: 240, or as "
             "many as make them 0.4 τ; they are halved where contacts, dashpots or the flow need "
             "it. n times as many also make the halves n times finer; fewer do not coarsen them; "
             "ours",
@@ -344,16 +344,16 @@ class MicrogelPoint(Point):
 
     @property
     def steps_per_period(self) -> int:
-        """Whole steps per period T: as given, else 0.4 τ each and at least 100.
+        """Whole steps per period T: as given, else 0.4 τ each and at least 240.
 
-        Found by analysis/default_steps.py: the substeps keep the error; more whole steps buy
-        records.
+        The substeps keep the error (analysis/default_steps.py); with as many records |G*| and nine
+        harmonics of all three tensors are those of the motion (analysis/record_rate.py).
         """
         return self.integrator.steps_per_period or self._default_steps
 
     @property
     def _default_steps(self) -> int:
-        return max(100, math.ceil(2.5 / self.shear.relative_frequency))
+        return max(240, math.ceil(2.5 / self.shear.relative_frequency))
 
     @property
     def refinement(self) -> float:

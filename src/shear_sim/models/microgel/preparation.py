@@ -368,7 +368,7 @@ def compile_kernels(points: Sequence[MicrogelPoint]) -> None:
     # A user's law may never let a packing come to rest.
     rest = Equilibration(max_steps=50)
     small = Packing(discs=20, packing_fraction=1.0, equilibration=rest)
-    brief = OscillatoryShear(pre_periods=0, periods=0.02, post_periods=0)
+    brief = OscillatoryShear(pre_periods=0, periods=0.025, post_periods=0)
     wanted = {}
     for p in points:
         law, turning = p.model.contact_law, needs_tangential(p.model)

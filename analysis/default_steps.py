@@ -273,8 +273,9 @@ def draw(table: pd.DataFrame, left: str) -> "Figure":
                 if number == 0 and key == "loss_error":  # else one is upon another
                     for at, part in zip(zip(x, y, strict=True), parts, strict=True):
                         axis.annotate(
-                            f"{part['steps_per_period'].iloc[0]}", at, xytext=(5, 0),
-                            textcoords="offset points", fontsize=6, color=colour, va="center",
+                            f"{part['steps_per_period'].iloc[0]}", at, fontsize=6, color=colour,
+                            xytext=(-5 if at[0] < x[0] else 5, 0), textcoords="offset points",
+                            ha="right" if at[0] < x[0] else "left", va="center",
                         )  # fmt: skip
             own = table[of_way(table, DEFAULT)]
             axis.plot(

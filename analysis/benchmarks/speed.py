@@ -181,11 +181,12 @@ def lists(rounds: int, _: Path) -> Iterator[Row]:
         found = min(timed(lambda s=simulation, n=times: find(s, n)) for _ in range(2 * rounds))
         remark = f"{us(found / times)} of it to find the pairs; fastest of {2 * rounds}"
         yield f"new list of contacts, N = {discs:,}", us(whole / times), remark
-    made = [renewals(prepare(MicrogelPoint(), Streams(1, r))) for r in range(5 * rounds)]
+    jobs = [prepare(MicrogelPoint(), Streams(1, r)) for r in range(5 * rounds)]
+    made = [renewals(job) for job in jobs]
     yield (
         "  steps of a default job with a new list",
         f"{np.median(made):.0f}",
-        f"of 600; {len(made)} replicates; some have two",
+        f"of {jobs[0].steps:,}; {len(made)} replicates; some have two",
     )
 
 
@@ -286,7 +287,7 @@ def job(rounds: int, _: Path) -> Iterator[Row]:
     yield "  preparation", us(float(np.median(preparing))), ""
     evaluations = float(np.median(substeps))
     each = f"{evaluations:.0f} evaluations of {us(shear / evaluations)}"
-    yield "  rest, shear, rest: 600 steps", us(shear), each
+    yield f"  rest, shear, rest: {simulation.steps:,} steps", us(shear), each
     times = f"{spent[0] / shear:,.0f} to {spent[1] / shear:,.0f} times ours; on another machine"
     yield "  historical program, its shear", f"{spent[0]:,.0f} to {spent[1]:,.0f} s", times
     yield "  writing the table", us(float(np.median(writing))), f"{np.median(size) / 1e6:.2f} MB"

@@ -172,9 +172,14 @@ if __name__ == "__main__":
         print(f"{name:10s} {getattr(found, name) * 1e9:6.3f} ns")
     for size, byte in zip(found.sizes, found.byte, strict=True):
         print(f"{size / 2**20:8.3f} MB {1e-9 / byte:6.1f} GB/s")
+    whole = {}
     for discs in (150, 1024, 16384, 100_000):
         least, in_turn, memory = (1e9 * t for t in step_limit(found, discs, 3.3))
+        whole[discs] = in_turn + memory
         print(
             f"{discs:7d} discs {least:5.1f} ns a disc, one after the other {in_turn:5.1f} ns, "
             f"memory {memory:5.1f} ns"
         )
+    for discs in (16384, 100_000):
+        growth = 1 + np.log(whole[discs] / whole[1024]) / np.log(discs / 1024)
+        print(f"growth from 1,024 to {discs:,}, memory after all else: {growth:.2f}")

@@ -220,9 +220,9 @@ def renew_contacts(
     for q in range(links.i.shape[0]):
         if links.i[q] == links.j[q]:
             continue  # between two strips
-        table, lane = links.table[q // LANES], q % LANES
-        table[SUM + lane] = radius[links.i[q]] + radius[links.j[q]]
-        table[PER_SUM + lane] = 1.0 / table[SUM + lane]
+        block, lane = q // LANES, q % LANES
+        reach = radius[links.i[q]] + radius[links.j[q]]
+        links.table[block, SUM + lane], links.table[block, PER_SUM + lane] = reach, 1.0 / reach
         c = find_in(start, j, nx, ny, links, q)
         if c >= 0:
             group[c] = NEAR
@@ -249,7 +249,7 @@ def renew_contacts(
             total = first + strips[s, ALL]
             first = (total + LANES - 1) // LANES * LANES
     pairs = empty_pairs(total)
-    new = Pairs(pairs.i, pairs.j, pairs.table, strips)
+    table = pairs.table
     s = 0
     for c in range(i.shape[0]):
         while i[c] >= edges[s + 1]:
@@ -258,16 +258,16 @@ def renew_contacts(
             continue
         q = fill[s, group[c]]
         fill[s, group[c]] += 1
-        table, lane = new.table[q // LANES], q % LANES
-        new.i[q], new.j[q] = i[c], j[c]
+        block, lane = q // LANES, q % LANES  # a view of a block would count who uses the table
+        pairs.i[q], pairs.j[q] = i[c], j[c]
         if source[c] >= 0:
-            old, from_lane = contacts.table[source[c] // LANES], source[c] % LANES
+            old, from_lane = source[c] // LANES, source[c] % LANES
             for row in range(EX, PAIR_ROWS * LANES, LANES):
-                table[row + lane] = old[row + from_lane]
-        table[NX + lane], table[NY + lane] = nx[c], ny[c]
-        table[SUM + lane] = radius[i[c]] + radius[j[c]]
-        table[PER_SUM + lane] = 1.0 / (radius[i[c]] + radius[j[c]])
-    return new
+                table[block, row + lane] = contacts.table[old, row + from_lane]
+        table[block, NX + lane], table[block, NY + lane] = nx[c], ny[c]
+        table[block, SUM + lane] = radius[i[c]] + radius[j[c]]
+        table[block, PER_SUM + lane] = 1.0 / (radius[i[c]] + radius[j[c]])
+    return Pairs(pairs.i, pairs.j, table, strips)
 
 
 @jit(inner=True)

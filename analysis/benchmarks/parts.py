@@ -4,7 +4,8 @@
 
 Prints the time of each loop in ns a disc, of the fastest of several runs: a step takes them in this
 order. They are the loops of the program, called in the order of `kernels.run`; that the discs are
-moved to the same bits is checked.
+moved to the same bits is checked. Few discs take more steps than many, in which more pairs come
+near, as no list is made: they are given per disc, to compare loops over pairs by.
 """
 
 import argparse

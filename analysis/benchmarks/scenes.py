@@ -15,7 +15,7 @@ from shear_sim.packing import Equilibration, Packing
 from shear_sim.protocol import OscillatoryShear
 from shear_sim.streams import Streams
 
-# 0.04 τ is what LAMMPS needs; our default is 0.4 τ, halved where a contact needs it.
+# 0.04 τ is what LAMMPS needs; our default is 0.17 τ, halved where a contact needs it.
 STEP = 0.04  # τ
 PERIOD = 200.0  # τ
 AMPLITUDE = 0.1

@@ -103,7 +103,8 @@ def report(
         if undecided:
             say(
                 f"\nmean paired differences over {packings} packings, own steps against "
-                f"{accuracy.PAIRED} times finer ones:"
+                f"{accuracy.PAIRED} times finer ones (one interval in twenty leaves zero out by "
+                "chance; more --packings tell):"
             )
         began = monotonic()
         for number, found in enumerate(undecided):

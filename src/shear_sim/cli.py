@@ -522,7 +522,7 @@ def accuracy(
     replicates: Annotated[int, typer.Option(min=1, help="Packings of each point.")] = 1,
     packings: Annotated[
         int, typer.Option(min=0, help="Packings that judge a point whose runs are chaotic.")
-    ] = 24,
+    ] = 96,
     results: Root = RESULTS,
 ) -> None:
     """Show what error the steps of a study leave.
